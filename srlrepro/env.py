@@ -1,0 +1,171 @@
+"""The task as a gymnasium environment: the end-effector follows a circle (Sec. IV-A, App. C).
+
+Registered as ``srlrepro/ThreeLinkCircle-v0``. The same environment serves every condition; the
+supervisor is a wrapper around it.
+"""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from srlrepro.config import Config, Paper, check
+from srlrepro.drawing import PendulumView
+from srlrepro.labels import HIT_GROUND, ClosedLoop, RecoveryRule, hold_torque
+from srlrepro.pendulum import Floats, ThreeLinkPendulum, jit, tip
+
+TIME_LIMIT, FELL, DIVERGED = "time limit", "hit the ground", "diverged"
+
+
+@jit
+def target(circle, t):
+    """p_d(t): the point (m) on the circle (height of its centre, radius, speed) at the time t (s).
+
+    The target starts at the top, where the end-effector of the zero configuration is, and turns
+    clockwise.
+    """
+    height, radius, speed = circle
+    return radius * np.sin(speed * t), height + radius * np.cos(speed * t)
+
+
+@jit
+def advance(coefficients, lengths, limits, circle, reward, torque_limit, state, action, t):
+    """One control period that starts at time t: (state, R, 0 or the outcome that ends the trial).
+
+    action: 3-tuple in [-1, 1], limited here and scaled to the torque limit. R is that of the state and
+    the target at the end of the period.
+    """
+    u = (
+        torque_limit * min(max(action[0], -1.0), 1.0),
+        torque_limit * min(max(action[1], -1.0), 1.0),
+        torque_limit * min(max(action[2], -1.0), 1.0),
+    )
+    state, outcome = hold_torque(coefficients, limits, state, u)
+    px, py = tip(lengths, state)
+    dx, dy = target(circle, t + limits[0] * limits[1])
+    return state, reward[0] - reward[1] * np.hypot(px - dx, py - dy), outcome  # App. C: R = R_c − 10 ‖p_e − p_d‖
+
+
+@jit
+def observe(scale, circle, state, t, out):
+    """Observation [8] of a state at time t: the state in half ranges of App. C, and the target's phase."""
+    for j in range(6):
+        out[j] = state[j] / scale[j]
+    out[6], out[7] = np.sin(circle[2] * t), np.cos(circle[2] * t)
+
+
+class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Track the circle with the pendulum of mismatch Δ.
+
+    Observation [8]: x scaled by the half ranges of App. C, sin and cos of the target's phase.
+    Action [3] in [-1, 1]: torques in units of the torque limit. Reward: App. C.
+    A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
+    integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;
+    ``info["outcome"]`` then says which.
+
+    Args:
+        delta: mass mismatch Δ > 0.
+        trial_length: s; the configuration's if not given.
+        render_mode: "rgb_array", "human" or None.
+        config: every other value.
+
+    Raises:
+        ValueError: a parameter is not allowed.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        delta: float = 1.0,
+        trial_length: float | None = None,
+        render_mode: str | None = None,
+        config: Config = Config(),
+    ) -> None:
+        length = config.choices.trial_length if trial_length is None else trial_length
+        config = config.with_values(trial_length=length)
+        modes = self.metadata["render_modes"]
+        check(render_mode is None or render_mode in modes, "render_mode", render_mode, f"None or one of {modes}")
+        paper: Paper = config.paper
+        self.config = config
+        self.render_mode = render_mode
+        loop = ClosedLoop.from_config(config, delta)
+        self.pendulum: ThreeLinkPendulum = loop.system
+        self.rule: RecoveryRule = loop.rule
+        self.trial_periods = round(length / self.rule.control_period)
+        self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
+        self.state: Floats = np.zeros(6)
+        self.period = 0
+        self._scale = np.array(paper.state_max)
+        self._circle = (paper.circle_height, paper.circle_radius, paper.circle_speed)
+        self._reward = (paper.reward_constant, paper.reward_slope)
+        self._view: PendulumView | None = None
+
+    @property
+    def time(self) -> float:
+        """s since the trial started."""
+        return self.period * self.rule.control_period
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start a trial at the origin (Sec. IV-B), or at ``options["state"]`` [6]."""
+        super().reset(seed=seed)
+        start = np.zeros(6) if options is None else np.asarray(options.get("state", np.zeros(6)), np.float64)
+        check(start.shape == (6,) and bool(np.isfinite(start).all()), "state", start, "six finite numbers")
+        self.state, self.period = start.copy(), 0
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), {"outcome": ""}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One control period."""
+        a = np.asarray(action, dtype=np.float64)
+        state, reward, ended = advance(
+            self.pendulum.coefficients,
+            self.pendulum.lengths,
+            self.rule.limits,
+            self._circle,
+            self._reward,
+            self.config.paper.torque_limit,
+            tuple(self.state),
+            (a[0], a[1], a[2]),
+            self.time,
+        )
+        self.state, self.period = np.array(state), self.period + 1
+        terminated = ended != 0
+        truncated = not terminated and self.period >= self.trial_periods
+        outcome = (FELL if ended == HIT_GROUND else DIVERGED) if terminated else TIME_LIMIT if truncated else ""
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), float(reward), terminated, truncated, {"outcome": outcome}
+
+    def _observation(self) -> NDArray[np.float32]:
+        out = np.empty(8, np.float32)
+        observe(self._scale, self._circle, tuple(self.state), self.time, out)
+        return out
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The picture [H, W, 3] in "rgb_array"; draws the window in "human"."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
+            return None
+        if self._view is None:
+            self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
+        joints = self.pendulum.joints(self.state)[0]
+        self._view.draw(joints, target(self._circle, self.time), f"t = {self.time:.2f} s")
+        if self.render_mode == "human":
+            self._view.show(1.0 / self.metadata["render_fps"])
+            return None
+        return self._view.image()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
+            self._view = None
