@@ -25,9 +25,10 @@ from sklearn.utils.validation import check_is_fitted
 
 from srlrepro.config import Choices, Config, Paper, check
 from srlrepro.embedding import dissimilarity, embed, map_state, map_states
-from srlrepro.files import ResultError, read_arrays, write_arrays, write_json
-from srlrepro.labels import Labels
+from srlrepro.files import ResultError, read_arrays, write_arrays
+from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats, as_states, jit
+from srlrepro.sampling import TrainingData, known_states
 
 FORMAT = "srlrepro-safe-region-1"
 MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a kernel weighs under 1.2 %
@@ -235,3 +236,16 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         region.classes_, region.embedding_ = np.array([0, 1]), a["y_train"]
         region.evidence_, region.labels_ = stored["evidence"], stored["labels"]
         return region
+
+
+def learn(data: TrainingData, config: Config, seed: int = 0) -> SafeRegion:
+    """The safe region of training data: their closed-loop trajectories on the nominal system, Ω, t-SNE, Ψ, Γ.
+
+    With ``known_origin`` the origin joins the training states as one more safe state; it comes last.
+    """
+    choices = config.choices
+    loop = ClosedLoop.from_config(config)
+    x, z = known_states(data, config)
+    stride = max(1, round(choices.omega_step / choices.control_period))
+    instants = round(choices.omega_horizon / choices.control_period) + 1
+    return SafeRegion.from_config(config, seed).fit(x, z, loop.rollout(x).paths[:, :instants:stride])

@@ -152,3 +152,13 @@ def generate(alpha: float, config: Config, seed: int) -> TrainingData:
     ud = sample_uniform(n_ud, config.paper.state_max, state_rng)
     x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, state_rng)])
     return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd)
+
+
+def known_states(data: TrainingData, config: Config) -> tuple[Floats, Labels]:
+    """States [k, 6] and labels [k] that Ψ and Γ learn from: D_tr, and with ``known_origin`` the origin.
+
+    The paper assumes that the origin is a known safe state (Sec. II-A); this is that knowledge, as data.
+    """
+    if not config.choices.known_origin:
+        return data.x, data.z
+    return np.concatenate([data.x, np.zeros((1, 6))]), np.append(data.z, 1)

@@ -1,0 +1,185 @@
+# The workflow: one rule per notebook. Configured by srlrepro/reproduce.py; start it with ./reproduce.sh
+#
+# A rule is run again when its notebook, a module that makes its *numbers*, a value of the configuration or
+# one of its input results changed. srlrepro/figures.py is no input of the runs: a new colour trains nothing.
+
+import json
+import sys
+
+NAME, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "alphas", "deltas", "seeds"))
+REGIONS = [a for a in ALPHAS if a != "none"]
+RESULTS, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/executed/{NAME}"
+DATA_SEEDS = SEEDS if config["values"]["data_per_seed"] else [0]
+RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
+RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
+
+
+def modules(*names):
+    return [f"srlrepro/{name}.py" for name in names]
+
+
+PHYSICS = modules("pendulum", "lqg", "labels")
+DATA = [*PHYSICS, *modules("sampling")]
+REGION = [*DATA, *modules("embedding", "safe_region")]
+LEARNING = [*REGION, *modules("env", "supervisor", "checkpoint", "training", "evaluation")]
+
+
+def region_of(wildcards):
+    """The region that supervises a run; none for the free learner."""
+    data = wildcards.seed if config["values"]["data_per_seed"] else 0
+    return [] if wildcards.alpha == "none" else f"{RESULTS}/data_{data}/alpha_{wildcards.alpha}/region.npz"
+
+
+def figures_of(data):
+    """Figures of the first training data are the paper's; others stand in a folder of their own."""
+    return FIGURES if int(data) == DATA_SEEDS[0] else f"{FIGURES}/data_{data}"
+
+
+def parameters(**values):
+    """The notebook's parameters as JSON; paths are relative to the notebook."""
+    common = {"RESULTS": f"../{RESULTS}", "SETTINGS": config["settings"]}
+    return json.dumps(common | values, ensure_ascii=False)
+
+
+def execute(notebook):
+    """The shell command that executes a notebook with the rule's parameters."""
+    command = f"{sys.executable} -m srlrepro execute notebooks/{notebook}.ipynb {{output.notebook}}"
+    return command + " --parameters {params.parameters:q} --results {output:q}"
+
+
+rule all:
+    input:
+        f"{EXECUTED}/01_pendulum.ipynb",
+        expand(f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
+        f"{EXECUTED}/06_learning_performance.ipynb",
+        f"{EXECUTED}/07_activations_and_failures.ipynb",
+
+
+rule pendulum:
+    input:
+        PHYSICS,
+        modules("figures", "drawing"),
+        "notebooks/01_pendulum.ipynb",
+    output:
+        notebook=f"{EXECUTED}/01_pendulum.ipynb",
+        measures=f"{RESULTS}/measures/01_pendulum.csv",
+        figure=f"{FIGURES}/fig1_pendulum.pdf",
+        animation=f"{FIGURES}/recovery.gif",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", DELTAS=[1.0, *DELTAS]),
+    shell:
+        execute("01_pendulum")
+
+
+rule training_data:
+    input:
+        DATA,
+        modules("figures"),
+        "notebooks/02_training_data.ipynb",
+    output:
+        notebook=f"{EXECUTED}/data_{{data}}/02_training_data.ipynb",
+        measures=f"{RESULTS}/measures/02_training_data__data_{{data}}.csv",
+        data=expand(f"{RESULTS}/data_{{{{data}}}}/alpha_{{alpha}}/training_data.npz", alpha=REGIONS),
+    params:
+        values=config["values"],
+        parameters=lambda w: parameters(
+            FIGURES=f"../{figures_of(w.data)}", ALPHAS=[float(a) for a in REGIONS], DATA_SEED=int(w.data)
+        ),
+    shell:
+        execute("02_training_data")
+
+
+rule embedding:
+    input:
+        rules.training_data.output.data,
+        REGION,
+        modules("figures"),
+        "notebooks/03_embedding.ipynb",
+    output:
+        notebook=f"{EXECUTED}/data_{{data}}/03_embedding.ipynb",
+        measures=f"{RESULTS}/measures/03_embedding__data_{{data}}.csv",
+        regions=expand(f"{RESULTS}/data_{{{{data}}}}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+    params:
+        values=config["values"],
+        parameters=lambda w: parameters(
+            FIGURES=f"../{figures_of(w.data)}", ALPHAS=[float(a) for a in REGIONS], DATA_SEED=int(w.data)
+        ),
+    shell:
+        execute("03_embedding")
+
+
+rule safe_region:
+    input:
+        rules.training_data.output.data,
+        rules.embedding.output.regions,
+        modules("figures", "evaluation"),
+        "notebooks/04_safe_region.ipynb",
+    output:
+        notebook=f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb",
+        measures=f"{RESULTS}/measures/04_safe_region__data_{{data}}.csv",
+    params:
+        values=config["values"],
+        parameters=lambda w: parameters(
+            FIGURES=f"../{figures_of(w.data)}", ALPHAS=[float(a) for a in REGIONS], DATA_SEED=int(w.data)
+        ),
+    shell:
+        execute("04_safe_region")
+
+
+rule training_run:
+    input:
+        LEARNING,
+        "notebooks/05_training_run.ipynb",
+        region=region_of,
+    output:
+        notebook=f"{EXECUTED}/runs/05_training_run__{RUN}.ipynb",
+        measures=f"{RESULTS}/measures/05_training_run__{RUN}.csv",
+        run=f"{RESULTS}/runs/{RUN}/run.json",
+        trials=f"{RESULTS}/runs/{RUN}/trials.csv",
+        curve=f"{RESULTS}/runs/{RUN}/curve.csv",
+        policy=f"{RESULTS}/runs/{RUN}/policy.zip",
+        visited=f"{RESULTS}/runs/{RUN}/visited.npz",
+    params:
+        values=config["values"],
+        parameters=lambda w, input: parameters(
+            ALPHA=w.alpha,
+            DELTA=float(w.delta),
+            SEED=int(w.seed),
+            STEPS=config["steps"],
+            REGION="" if w.alpha == "none" else f"../{input.region}",
+        ),
+    shell:
+        execute("05_training_run")
+
+
+rule learning_performance:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/curve.csv", run=RUNS),
+        modules("figures"),
+        "notebooks/06_learning_performance.ipynb",
+    output:
+        notebook=f"{EXECUTED}/06_learning_performance.ipynb",
+        measures=f"{RESULTS}/measures/06_learning_performance.csv",
+        figure=f"{FIGURES}/fig3_abc_learning.pdf",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=RUNS, NOTE=config["note"]),
+    shell:
+        execute("06_learning_performance")
+
+
+rule activations_and_failures:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/run.json", run=RUNS),
+        modules("figures"),
+        "notebooks/07_activations_and_failures.ipynb",
+    output:
+        notebook=f"{EXECUTED}/07_activations_and_failures.ipynb",
+        measures=f"{RESULTS}/measures/07_activations_and_failures.csv",
+        figure=f"{FIGURES}/fig3_def_counts.pdf",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=RUNS, NOTE=config["note"]),
+    shell:
+        execute("07_activations_and_failures")

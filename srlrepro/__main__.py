@@ -1,0 +1,172 @@
+"""The command line ``python -m srlrepro``: each stage by itself, and the tools around the results."""
+
+import argparse
+import json
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from srlrepro.config import Choices, Config, Paper, ParameterError, parse_settings
+from srlrepro.reproduce import Parser
+
+
+def _alpha(text: str) -> float | None:
+    return None if text == "none" else float(text)
+
+
+_alpha.__name__ = "number in [0, 1], or none"  # what argparse says of a wrong value
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = Parser(prog="python -m srlrepro", description=__doc__, allow_abbrev=False)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
+
+    def command(name: str, function: Any, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text, allow_abbrev=False)
+        sub.set_defaults(function=function)
+        return sub
+
+    def settings(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--set", dest="settings", nargs="+", default=[], metavar="NAME=VALUE", help="vary parameters (see choices)")
+
+    sub = command("data", _data, "Sample and label the training data D_tr of one α.")
+    sub.add_argument("--alpha", type=float, required=True, help="share of UD, in [0, 1]")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
+    sub.add_argument("--out", type=Path, required=True, help="file to write (.npz)")
+    settings(sub)
+
+    sub = command("region", _region, "Learn Ψ, Γ and S_y from training data.")
+    sub.add_argument("--data", type=Path, required=True, help="file that the command data wrote")
+    sub.add_argument("--seed", type=int, default=0, help="seed of t-SNE (default: 0)")
+    sub.add_argument("--out", type=Path, required=True, help="file to write (.npz)")
+    settings(sub)
+
+    sub = command("label", _label, "Print l(x) of one state and how K fares from it.")
+    sub.add_argument("--state", type=float, nargs=6, required=True, metavar="X", help="θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)")
+    sub.add_argument("--delta", type=float, default=1.0, help="mass mismatch Δ (default: 1, the nominal system: l_n)")
+    settings(sub)
+
+    sub = command("train", _train, "Train one run; started again after a kill, it goes on.")
+    sub.add_argument("--alpha", type=_alpha, required=True, help="share of UD of the region, or none: no supervisor")
+    sub.add_argument("--delta", type=float, required=True, help="mass mismatch Δ > 0 of the real system")
+    sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
+    sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
+    sub.add_argument("--region", type=Path, help="file that the command region wrote; not with --alpha none")
+    sub.add_argument("--out", type=Path, required=True, help="folder to write")
+    settings(sub)
+
+    sub = command("execute", _execute, "Execute a parameterised notebook.")
+    sub.add_argument("notebook", type=Path)
+    sub.add_argument("output", type=Path)
+    sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters")
+    sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
+
+    sub = command("claims", _claims, "Evaluate the tests of the paper's claims on a folder of measures.")
+    sub.add_argument("measures", type=Path, help="such as results/quick/measures")
+
+    command("choices", _choices, "List every parameter with its value, allowed values and reason.")
+    sub = command("readme", _readme, "Render README.md from its template and the results.")
+    sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if README.md is stale")
+    return parser
+
+
+def _config(arguments: argparse.Namespace) -> Config:
+    return Config().with_values(**parse_settings(arguments.settings))
+
+
+def _data(arguments: argparse.Namespace) -> None:
+    from srlrepro.sampling import generate
+
+    data = generate(arguments.alpha, _config(arguments), arguments.seed)
+    data.save(arguments.out)
+    print(f"{len(data.x)} states, {data.n_ud} of them from UD, {data.z.mean():.3f} safe: {arguments.out}")
+
+
+def _region(arguments: argparse.Namespace) -> None:
+    from srlrepro.safe_region import learn
+    from srlrepro.sampling import TrainingData
+
+    region = learn(TrainingData.load(arguments.data), _config(arguments), arguments.seed)
+    region.save(arguments.out)
+    print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
+
+
+def _label(arguments: argparse.Namespace) -> None:
+    from srlrepro.labels import OUTCOMES, ClosedLoop
+
+    rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout([arguments.state], record=False)
+    print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
+
+
+def _train(arguments: argparse.Namespace) -> None:
+    from srlrepro.safe_region import SafeRegion
+    from srlrepro.training import Run, train
+
+    config = _config(arguments)
+    steps = config.choices.total_steps if arguments.steps is None else arguments.steps
+    run = Run(arguments.alpha, arguments.delta, arguments.seed, steps)
+    region = None if arguments.region is None else SafeRegion.load(arguments.region)
+    result = train(run, config, region, arguments.out, arguments.out / "checkpoint.zip")
+    print(json.dumps({"counts": result["counts"], "final_policy": result["final_policy"]}, indent=1))
+
+
+def _execute(arguments: argparse.Namespace) -> None:
+    from srlrepro.notebooks import execute
+
+    try:
+        parameters = json.loads(arguments.parameters)
+    except json.JSONDecodeError as error:
+        raise ParameterError(f"--parameters: not JSON: {error}") from None
+    results = [path for path in arguments.results if path != arguments.output]
+    execute(arguments.notebook, arguments.output, parameters, results)
+
+
+def _claims(arguments: argparse.Namespace) -> None:
+    import pandas as pd
+
+    from srlrepro.claims import evaluate, load
+    from srlrepro.evaluation import read_measures
+
+    measures = read_measures(arguments.measures)
+    print(pd.concat([evaluate(claim, measures) for claim in load()]).to_string(index=False))
+
+
+def _choices(arguments: argparse.Namespace) -> None:
+    for part, source in ((Paper, "place"), (Choices, "reason")):
+        for f in fields(part):
+            m = f.metadata
+            unit = f" {m['unit']}" if m["unit"] else ""
+            print(f"{f.name} = {f.default}{unit}, in {m['allowed']}: {m['meaning']} ({m[source]})")
+
+
+def _readme(arguments: argparse.Namespace) -> None:
+    from srlrepro.readme import is_stale, write
+
+    if not arguments.check:
+        write()
+    elif is_stale():
+        sys.exit("README.md is stale: run python -m srlrepro readme")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; wrong use gives one line and 2, a missing or broken result one line and 1."""
+    parser = make_parser()
+    arguments = parser.parse_args(argv)
+    try:
+        arguments.function(arguments)
+    except ParameterError as error:
+        parser.error(str(error))
+    except Exception as error:
+        from srlrepro.files import ResultError
+
+        if not isinstance(error, ResultError):
+            raise
+        print(f"{parser.prog}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""Executing a parameterised notebook so that "executed" can be trusted.
+
+papermill runs the notebook; around it: parameters are checked by name and type before the launch, the
+output is written beside and renamed, and a notebook counts as executed only if papermill returned, every
+code cell ran, and every result file that the notebook promises is new.
+"""
+
+import logging
+import os
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from srlrepro.config import check
+from srlrepro.files import ResultError, beside, existing, require_writable
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+STARTS = 3  # kernels that start side by side can race for a port; only the start is tried again
+STALE = 1.0  # s by which a file system may round the time of a new file down
+
+
+def parameters_of(notebook: Path) -> dict[str, Any]:
+    """{name: default} of the notebook's cell tagged ``parameters``.
+
+    Raises:
+        ResultError: no such notebook, or not exactly one such cell.
+    """
+    import nbformat
+
+    cells = nbformat.read(existing(notebook), as_version=4).cells
+    tagged = [cell for cell in cells if "parameters" in cell.metadata.get("tags", [])]
+    if len(tagged) != 1:
+        raise ResultError(f"{notebook} has {len(tagged)} cells tagged 'parameters' instead of one")
+    values: dict[str, Any] = {}
+    exec(tagged[0].source, {}, values)
+    return values
+
+
+def check_parameters(notebook: Path, given: dict[str, Any]) -> None:
+    """See that every given parameter is one of the notebook's and has the type of its default.
+
+    Raises:
+        ParameterError: an unknown name or another type.
+    """
+    defaults = parameters_of(notebook)
+    for name, value in given.items():
+        check(name in defaults, name, value, f"one of the parameters of {notebook.name}: {', '.join(defaults)}")
+        default = defaults[name]
+        kinds = (int, float) if isinstance(default, float) else type(default)
+        fits = isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
+        check(fits, name, repr(value), f"a {type(default).__name__}, as in {notebook.name}")
+
+
+def execute(
+    notebook: Path, output: Path, parameters: dict[str, Any], results: Iterable[Path] = (), timeout: float = 86_400
+) -> None:
+    """Execute a notebook in its own folder and write the executed copy.
+
+    Args:
+        notebook, output: the source and the executed notebook.
+        parameters: values for the cell tagged ``parameters``; paths among them relative to the notebook.
+        results: files that the notebook writes; each must be new.
+        timeout: s for one cell.
+
+    Raises:
+        ParameterError: an unknown parameter, or one of another type.
+        ResultError: a cell failed or did not run, or a result is missing.
+    """
+    import nbformat
+    import papermill
+    from nbclient.exceptions import CellTimeoutError, DeadKernelError
+
+    logging.getLogger("papermill").setLevel(logging.WARNING)
+    check_parameters(notebook, parameters)
+    require_writable(output.parent)
+    started = time.time() - STALE
+    with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
+        os.environ.update({name: "1" for name in THREADS})
+        os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
+        for attempt in range(1, STARTS + 1):
+            try:
+                papermill.execute_notebook(
+                    notebook,
+                    temporary,
+                    parameters,
+                    cwd=notebook.parent,
+                    kernel_name="python3",
+                    progress_bar=False,
+                    execution_timeout=timeout,
+                )
+                break
+            except papermill.PapermillExecutionError as error:
+                failed = f"{error.ename}: {error.evalue}".splitlines()[0]
+                raise ResultError(f"{notebook.name}, cell {error.cell_index}: {failed}") from error
+            except (DeadKernelError, CellTimeoutError) as error:
+                raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
+            except RuntimeError as error:
+                if attempt == STARTS or "Kernel died before replying" not in str(error):
+                    raise
+        executed = nbformat.read(temporary, as_version=4)
+        ran = [cell.execution_count for cell in executed.cells if cell.cell_type == "code" and cell.source.strip()]
+        if None in ran:
+            raise ResultError(f"{notebook.name}: {ran.count(None)} of {len(ran)} code cells never ran")
+        for path in results:
+            if existing(path).stat().st_mtime < started:
+                raise ResultError(f"{notebook.name} left an old {path} in place")
+        _forget_machine(executed)
+        nbformat.write(executed, temporary)
+
+
+def _forget_machine(notebook: Any) -> None:
+    """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
+    notebook.metadata.pop("papermill", None)
+    for cell in notebook.cells:
+        cell.metadata.pop("papermill", None)
+        cell.metadata.pop("execution", None)
+        cell.pop("id", None)
+    notebook.nbformat_minor = 4  # the last format without cell ids, which papermill draws at random
