@@ -51,8 +51,7 @@ rule all:
     input:
         f"{EXECUTED}/01_pendulum.ipynb",
         expand(f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
-        f"{EXECUTED}/06_learning_performance.ipynb",
-        f"{EXECUTED}/07_activations_and_failures.ipynb",
+        f"{EXECUTED}/08_claims.ipynb",
 
 
 rule pendulum:
@@ -183,3 +182,25 @@ rule activations_and_failures:
         parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=RUNS, NOTE=config["note"]),
     shell:
         execute("07_activations_and_failures")
+
+
+rule claims:
+    input:
+        f"{RESULTS}/measures/01_pendulum.csv",
+        expand(f"{RESULTS}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
+        expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
+        f"{RESULTS}/measures/06_learning_performance.csv",
+        f"{RESULTS}/measures/07_activations_and_failures.csv",
+        modules("claims"),
+        "srlrepro/claims.toml",
+        "notebooks/08_claims.ipynb",
+    output:
+        notebook=f"{EXECUTED}/08_claims.ipynb",
+        claims=f"{FIGURES}/claims.csv",
+        contrasts=f"{FIGURES}/contrasts.csv",
+        measures=f"{FIGURES}/measures.csv",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", NOTE=config["note"]),
+    shell:
+        execute("08_claims")

@@ -63,6 +63,9 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters")
     sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
 
+    sub = command("snapshot", _snapshot, "Refresh the outputs that the tests of the source notebooks compare.")
+    sub.add_argument("notebooks", type=Path, nargs="+", help="in their order: later ones read what earlier ones write")
+
     sub = command("claims", _claims, "Evaluate the tests of the paper's claims on a folder of measures.")
     sub.add_argument("measures", type=Path, help="such as results/quick/measures")
 
@@ -121,6 +124,13 @@ def _execute(arguments: argparse.Namespace) -> None:
         raise ParameterError(f"--parameters: not JSON: {error}") from None
     results = [path for path in arguments.results if path != arguments.output]
     execute(arguments.notebook, arguments.output, parameters, results)
+
+
+def _snapshot(arguments: argparse.Namespace) -> None:
+    from srlrepro.notebooks import snapshot
+
+    for notebook in arguments.notebooks:
+        snapshot(notebook)
 
 
 def _claims(arguments: argparse.Namespace) -> None:

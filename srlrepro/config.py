@@ -273,6 +273,11 @@ class Config:
         return asdict(self.paper) | asdict(self.choices)
 
 
+def condition(alpha: float | None) -> str:
+    """The text of α in names, tables and legends: "0", "0.5", …, or "none" for no supervisor."""
+    return "none" if alpha is None else f"{alpha:g}"
+
+
 def parse_value(name: str, text: str) -> Any:
     """The value of the field ``name`` written as ``text`` on a command line.
 

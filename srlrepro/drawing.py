@@ -102,3 +102,21 @@ def animate(path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, 
     with beside(path) as temporary:
         animation.save(temporary, writer=PillowWriter(fps=round(1.0 / (stride * period))), dpi=72)
     plt.close(figure)
+
+
+def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
+    """Fig. 1: the zero configuration, a pose with its joint angles (joints [4, 2] each), and the target."""
+    centre = np.array([0.0, paper.circle_height])
+    draw_pendulum(ax, zero, paper, color="#BBBBBB", circle=False)
+    draw_pendulum(ax, pose, paper)
+    before = np.array([0.0, 1.0])
+    for i, (start, end) in enumerate(zip(pose[:-1], pose[1:], strict=True), start=1):
+        ax.plot(*np.stack([start, start + 0.55 * before]).T, ":", color="#777777", linewidth=1)
+        between = before + (end - start) / np.linalg.norm(end - start)
+        ax.annotate(rf"$\theta_{i}$", start + 0.62 * between / np.linalg.norm(between), ha="center", va="center")
+        before = (end - start) / np.linalg.norm(end - start)
+    side = centre + paper.circle_radius * np.array([1.0, 0.0])
+    ax.annotate("", side - [0.0, 0.12], side + [0.0, 0.06], arrowprops={"arrowstyle": "->", "color": TARGET})
+    ax.annotate("target circle", side + [0.15, 0.0], color=TARGET, va="center")
+    ax.annotate("zero configuration,\nend-effector at (0, 3) m", (-0.15, 3.0), ha="right", va="center", color="#777777")
+    ax.annotate("$p_e$", pose[-1] + [0.12, -0.12])

@@ -1,6 +1,6 @@
 """How well a hypothesis predicts safety, and the measures that the claims are tested on."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ from sklearn.calibration import calibration_curve
 from sklearn.metrics import brier_score_loss, confusion_matrix
 
 from srlrepro.claims import MEASURE_COLUMNS
-from srlrepro.config import Config
-from srlrepro.files import write_table
+from srlrepro.config import Config, condition
+from srlrepro.files import read_json, read_table, write_table
 from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats
 from srlrepro.safe_region import SafeRegion
@@ -91,6 +91,23 @@ def read_measures(folder: str | Path) -> pd.DataFrame:
     """All tables of measures in a folder as one."""
     tables = [pd.read_csv(path, dtype={"alpha": str}) for path in sorted(Path(folder).glob("*.csv"))]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=list(MEASURE_COLUMNS))
+
+
+def read_runs(results: str | Path, names: Iterable[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """(learning curves, counts) of the named runs, with the columns alpha, delta and seed.
+
+    Raises:
+        ResultError: a run has not been made.
+    """
+    curves, counts = [], []
+    for name in names:
+        folder = Path(results, "runs", name)
+        result = read_json(folder / "run.json")
+        run = result["run"]
+        cell = {"alpha": condition(run["alpha"]), "delta": run["delta"], "seed": run["seed"]}
+        curves.append(read_table(folder / "curve.csv", ("step", "mean_return")).assign(**cell))
+        counts.append(cell | result["counts"] | {"steps": result["steps_done"]})
+    return pd.concat(curves, ignore_index=True), pd.DataFrame(counts)
 
 
 def run_measures(result: Mapping[str, Any], curve: pd.DataFrame, trials: pd.DataFrame) -> dict[str, float]:

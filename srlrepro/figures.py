@@ -40,11 +40,6 @@ def use_style() -> None:
     )
 
 
-def condition(alpha: float | None) -> str:
-    """The text of α in tables and legends: "0", "0.5", …, or "none" for no supervisor."""
-    return "none" if alpha is None else f"{alpha:g}"
-
-
 def color(name: str) -> str:
     """The colour of a condition; other values of α lie between those of the paper."""
     if name in COLORS:

@@ -17,7 +17,7 @@ from srlrepro.config import check
 from srlrepro.files import ResultError, beside, existing, require_writable
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-STARTS = 3  # kernels that start side by side can race for a port; only the start is tried again
+COMPARED = "# NBVAL_CHECK_OUTPUT"
 STALE = 1.0  # s by which a file system may round the time of a new file down
 
 
@@ -71,6 +71,7 @@ def execute(
     import nbformat
     import papermill
     from nbclient.exceptions import CellTimeoutError, DeadKernelError
+    from traitlets.config import Config as TraitletsConfig
 
     logging.getLogger("papermill").setLevel(logging.WARNING)
     check_parameters(notebook, parameters)
@@ -79,26 +80,22 @@ def execute(
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
         os.environ.update({name: "1" for name in THREADS})
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
-        for attempt in range(1, STARTS + 1):
-            try:
-                papermill.execute_notebook(
-                    notebook,
-                    temporary,
-                    parameters,
-                    cwd=notebook.parent,
-                    kernel_name="python3",
-                    progress_bar=False,
-                    execution_timeout=timeout,
-                )
-                break
-            except papermill.PapermillExecutionError as error:
-                failed = f"{error.ename}: {error.evalue}".splitlines()[0]
-                raise ResultError(f"{notebook.name}, cell {error.cell_index}: {failed}") from error
-            except (DeadKernelError, CellTimeoutError) as error:
-                raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
-            except RuntimeError as error:
-                if attempt == STARTS or "Kernel died before replying" not in str(error):
-                    raise
+        try:
+            papermill.execute_notebook(
+                notebook,
+                temporary,
+                parameters,
+                cwd=notebook.parent,
+                kernel_name="python3",
+                progress_bar=False,
+                execution_timeout=timeout,
+                config=TraitletsConfig({"KernelManager": {"transport": "ipc"}}),  # ports can be raced for
+            )
+        except papermill.PapermillExecutionError as error:
+            failed = f"{error.ename}: {error.evalue}".splitlines()[0]
+            raise ResultError(f"{notebook.name}, cell {error.cell_index}: {failed}") from error
+        except (DeadKernelError, CellTimeoutError) as error:
+            raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
         executed = nbformat.read(temporary, as_version=4)
         ran = [cell.execution_count for cell in executed.cells if cell.cell_type == "code" and cell.source.strip()]
         if None in ran:
@@ -118,3 +115,25 @@ def _forget_machine(notebook: Any) -> None:
         cell.metadata.pop("execution", None)
         cell.pop("id", None)
     notebook.nbformat_minor = 4  # the last format without cell ids, which papermill draws at random
+
+
+def snapshot(notebook: Path) -> None:
+    """Execute a source notebook with its own (smoke) parameters, and keep the outputs that its test compares.
+
+    Those are the outputs of the cells that start with nbval's mark; a change of a result is then a change
+    of the source notebook, to be looked at and committed.
+    """
+    import nbformat
+
+    with tempfile.TemporaryDirectory() as folder:
+        executed = Path(folder, notebook.name)
+        execute(notebook, executed, {})
+        result = nbformat.read(executed, as_version=4)
+    result.cells = [c for c in result.cells if "injected-parameters" not in c.metadata.get("tags", [])]
+    for cell in result.cells:
+        if cell.cell_type == "code":
+            cell.execution_count = None
+            kept = cell.source.startswith(COMPARED)
+            cell.outputs = [o for o in cell.outputs if kept and o.output_type == "stream"]
+    with beside(notebook) as temporary:
+        nbformat.write(result, temporary)

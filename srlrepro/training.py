@@ -26,7 +26,7 @@ from stable_baselines3.common.monitor import Monitor
 from tqdm import tqdm
 
 from srlrepro.checkpoint import Progress, restore, save
-from srlrepro.config import Config, check
+from srlrepro.config import Config, check, condition
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import beside, require_writable, write_arrays, write_json, write_table
 from srlrepro.labels import HIT_GROUND, OUTCOMES, ClosedLoop
@@ -59,6 +59,11 @@ class Run:
         for name, least in (("seed", 0), ("steps", 1)):
             value = getattr(self, name)
             check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
+
+    @property
+    def name(self) -> str:
+        """Names the run's folder and files."""
+        return f"alpha_{condition(self.alpha)}__delta_{self.delta:g}__seed_{self.seed}"
 
 
 def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any, Any]:

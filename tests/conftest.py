@@ -10,26 +10,11 @@ import numpy as np
 import pytest
 
 from srlrepro.config import Config
-from srlrepro.labels import ClosedLoop
 from srlrepro.pendulum import Floats
-from srlrepro.safe_region import SafeRegion
+from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import TrainingData, generate
 
-Fitted = tuple[TrainingData, Floats, SafeRegion]
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known where the project's settings are not read."""
-    config.addinivalue_line("markers", "slow: takes more than about five seconds")
-
-
-def fit(alpha: float, config: Config, seed: int = 0) -> Fitted:
-    """Training data, their trajectories at the instants that ω compares, and the region fitted to them."""
-    data = generate(alpha, config, seed)
-    choices = config.choices
-    loop = ClosedLoop.from_config(config.with_values(recovery_horizon=choices.omega_horizon))
-    paths = loop.rollout(data.x).paths[:, :: round(choices.omega_step / choices.control_period)]
-    return data, paths, SafeRegion.from_config(config, seed).fit(data.x, data.z, paths)
+Learned = tuple[TrainingData, SafeRegion]
 
 
 @pytest.fixture
@@ -50,11 +35,14 @@ def small_config() -> Config:
 
 
 @pytest.fixture(scope="session")
-def small(small_config: Config) -> Fitted:
-    return fit(0.5, small_config)
+def small(small_config: Config) -> Learned:
+    """A region of few training states, which takes about a second."""
+    data = generate(0.5, small_config, seed=0)
+    return data, learn(data, small_config)
 
 
 @pytest.fixture(scope="session")
-def full() -> dict[float, Fitted]:
+def full() -> dict[float, Learned]:
     """The regions of the replication, for every α of the paper."""
-    return {alpha: fit(alpha, Config()) for alpha in (0.0, 0.5, 1.0)}
+    sets = {alpha: generate(alpha, Config(), seed=0) for alpha in (0.0, 0.5, 1.0)}
+    return {alpha: (data, learn(data, Config())) for alpha, data in sets.items()}
