@@ -29,7 +29,14 @@ def make_parser() -> argparse.ArgumentParser:
         return sub
 
     def settings(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument("--set", dest="settings", nargs="+", default=[], metavar="NAME=VALUE", help="vary parameters (see choices)")
+        sub.add_argument(
+            "--set",
+            dest="settings",
+            nargs="+",
+            default=[],
+            metavar="NAME=VALUE",
+            help="vary parameters (see choices)",
+        )
 
     sub = command("data", _data, "Sample and label the training data D_tr of one α.")
     sub.add_argument("--alpha", type=float, required=True, help="share of UD, in [0, 1]")
@@ -44,12 +51,18 @@ def make_parser() -> argparse.ArgumentParser:
     settings(sub)
 
     sub = command("label", _label, "Print l(x) of one state and how K fares from it.")
-    sub.add_argument("--state", type=float, nargs=6, required=True, metavar="X", help="θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)")
-    sub.add_argument("--delta", type=float, default=1.0, help="mass mismatch Δ (default: 1, the nominal system: l_n)")
+    sub.add_argument(
+        "--state", type=float, nargs=6, required=True, metavar="X", help="θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)"
+    )
+    sub.add_argument(
+        "--delta", type=float, default=1.0, help="mass mismatch Δ (default: 1, the nominal system: l_n)"
+    )
     settings(sub)
 
     sub = command("train", _train, "Train one run; started again after a kill, it goes on.")
-    sub.add_argument("--alpha", type=_alpha, required=True, help="share of UD of the region, or none: no supervisor")
+    sub.add_argument(
+        "--alpha", type=_alpha, required=True, help="share of UD of the region, or none: no supervisor"
+    )
     sub.add_argument("--delta", type=float, required=True, help="mass mismatch Δ > 0 of the real system")
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
@@ -60,11 +73,17 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("execute", _execute, "Execute a parameterised notebook.")
     sub.add_argument("notebook", type=Path)
     sub.add_argument("output", type=Path)
-    sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters")
+    sub.add_argument(
+        "--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters"
+    )
     sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
 
-    sub = command("snapshot", _snapshot, "Refresh the outputs that the tests of the source notebooks compare.")
-    sub.add_argument("notebooks", type=Path, nargs="+", help="in their order: later ones read what earlier ones write")
+    sub = command(
+        "snapshot", _snapshot, "Refresh the outputs that the tests of the source notebooks compare."
+    )
+    sub.add_argument(
+        "notebooks", type=Path, nargs="+", help="in their order: later ones read what earlier ones write"
+    )
 
     sub = command("claims", _claims, "Evaluate the tests of the paper's claims on a folder of measures.")
     sub.add_argument("measures", type=Path, help="such as results/quick/measures")
@@ -99,7 +118,9 @@ def _region(arguments: argparse.Namespace) -> None:
 def _label(arguments: argparse.Namespace) -> None:
     from srlrepro.labels import OUTCOMES, ClosedLoop
 
-    rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout([arguments.state], record=False)
+    rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout(
+        [arguments.state], record=False
+    )
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 

@@ -53,7 +53,8 @@ def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[st
     monitor, task = _monitor_and_task(model)
     archive, arrays = io.BytesIO(), io.BytesIO()
     model.save(archive)
-    name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)
+    # stable-baselines3 draws its minibatches from numpy's global generator
+    name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
     np.savez(
         arrays,
         torch_rng=torch.get_rng_state().numpy(),
@@ -99,6 +100,6 @@ def restore(path: Path, fresh: PPO, identity: dict[str, Any]) -> tuple[PPO, Prog
     task.state, task.period = arrays["state"], rest["period"]
     monitor.rewards = rest["rewards"]
     name, position, has_gauss, cached = rest["numpy_rng"]
-    np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))
+    np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
     torch.set_rng_state(torch.from_numpy(arrays["torch_rng"]))
     return model, Progress(rest["trials"], [arrays["visited"]], rest["seconds"])

@@ -111,7 +111,10 @@ def _contrasts(claim: Claim, table: pd.DataFrame, fixed: Cell) -> Iterator[tuple
         low, high = {claim.over: claim.low}, {claim.over: claim.high}
         for a, b in itertools.product(where, than):
             change_a, change_b = (_mean(table, {**c, **high}) - _mean(table, {**c, **low}) for c in (a, b))
-            yield f"{_text(a)} against {_text(b)}, {claim.over} {claim.low} to {claim.high}", change_a - change_b
+            yield (
+                f"{_text(a)} against {_text(b)}, {claim.over} {claim.low} to {claim.high}",
+                change_a - change_b,
+            )
 
 
 def _text(cell: Cell) -> str:
@@ -125,7 +128,9 @@ def evaluate(claim: Claim, measures: pd.DataFrame) -> pd.DataFrame:
     A table with no rows means that nothing was measured at all.
     """
     table = measures[measures["measure"] == claim.measure]
-    levels = sorted(v for v in table[claim.for_each].dropna().unique() if v != NONE) if claim.for_each else [None]
+    levels = (
+        sorted(v for v in table[claim.for_each].dropna().unique() if v != NONE) if claim.for_each else [None]
+    )
     threshold = -claim.tolerance if claim.kind == "near" else claim.tolerance
     strict = claim.kind not in ("near", "at_least", "at_most")
     rows = []

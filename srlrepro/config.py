@@ -23,12 +23,16 @@ def check(ok: bool, name: str, value: object, allowed: str) -> None:
 
 def _stated(default: Any, allowed: str, unit: str, meaning: str, place: str) -> Any:
     """A field of `Paper`; ``allowed`` is an interval such as ``(0, 1]``, or names separated by ``|``."""
-    return field(default=default, metadata=dict(allowed=allowed, unit=unit, meaning=meaning, place=place))
+    return field(
+        default=default, metadata={"allowed": allowed, "unit": unit, "meaning": meaning, "place": place}
+    )
 
 
 def _chosen(default: Any, allowed: str, unit: str, meaning: str, reason: str) -> Any:
     """A field of `Choices`; as `_stated`, with the reason of the choice instead of a place."""
-    return field(default=default, metadata=dict(allowed=allowed, unit=unit, meaning=meaning, reason=reason))
+    return field(
+        default=default, metadata={"allowed": allowed, "unit": unit, "meaning": meaning, "reason": reason}
+    )
 
 
 def _check_fields(values: Any) -> None:
@@ -60,7 +64,9 @@ class Paper:
     link_length: float = _stated(1.0, "(0, inf)", "m", "length of each link", "Sec. IV-A")
     link_mass: float = _stated(1.0, "(0, inf)", "kg", "nominal mass of each link", "Sec. IV-A")
     torque_limit: float = _stated(100.0, "(0, inf)", "N·m", "largest torque of each joint", "Sec. IV-A")
-    circle_height: float = _stated(2.7, "(-inf, inf)", "m", "height of the circle's centre (0, 2.7)", "Fig. 1")
+    circle_height: float = _stated(
+        2.7, "(-inf, inf)", "m", "height of the circle's centre (0, 2.7)", "Fig. 1"
+    )
     circle_radius: float = _stated(0.3, "(0, inf)", "m", "radius r of the target circle", "Fig. 1")
     circle_speed: float = _stated(math.pi, "(0, inf)", "rad/s", "angular velocity of the target", "Sec. IV-A")
     theta1_max: float = _stated(math.pi / 2, "(0, inf)", "rad", "UD range of θ1; the ground", "App. C")
@@ -121,10 +127,18 @@ class Choices:
     )
     trial_length: float = _chosen(4.0, "(0, 600]", "s", "length of a trial", "two rounds of the circle")
     total_steps: int = _chosen(
-        1_500_000, "[2, inf)", "", "training steps of a full run", "an exploratory free PPO at Δ = 1.1 levelled off near it"
+        1_500_000,
+        "[2, inf)",
+        "",
+        "training steps of a full run",
+        "an exploratory free PPO at Δ = 1.1 levelled off near it",
     )
     quick_steps: int = _chosen(
-        4096, "[2, inf)", "", "training steps of a --quick run", "two updates: the whole grid in ten minutes on 2 cores"
+        4096,
+        "[2, inf)",
+        "",
+        "training steps of a --quick run",
+        "two updates: the whole grid in ten minutes on 2 cores",
     )
     lqr_angle_weight: float = _chosen(
         100.0,
@@ -133,7 +147,9 @@ class Choices:
         "LQR: Q on the angles",
         "set-up condition: with Q = I, upright was unstable at Δ = 4 for every R tried",
     )
-    lqr_rate_weight: float = _chosen(1.0, "(0, inf)", "s²/rad²", "LQR: Q on the rates", "the unit to compare with")
+    lqr_rate_weight: float = _chosen(
+        1.0, "(0, inf)", "s²/rad²", "LQR: Q on the rates", "the unit to compare with"
+    )
     lqr_torque_weight: float = _chosen(
         0.01,
         "(0, inf)",
@@ -152,15 +168,29 @@ class Choices:
         1e-3, "(0, inf)", "rad", "Kalman filter: std of the measured angles", "an ordinary joint encoder"
     )
     rate_noise: float = _chosen(
-        1e-2, "(0, inf)", "rad/s", "Kalman filter: std of the measured rates", "the same, differentiated over 0.1 s"
+        1e-2,
+        "(0, inf)",
+        "rad/s",
+        "Kalman filter: std of the measured rates",
+        "the same, differentiated over 0.1 s",
     )
     recovery_horizon: float = _chosen(
-        5.0, "(0, 60]", "s", "time that K has to recover", "the slowest of 4000 recoveries from UD takes 3.5 s, at Δ = 4"
+        5.0,
+        "(0, 60]",
+        "s",
+        "time that K has to recover",
+        "the slowest of 4000 recoveries from UD takes 3.5 s, at Δ = 4",
     )
     recovered_angle: float = _chosen(
-        0.1, "(0, 1]", "rad", "|θ_i| that counts as upright", "from the box, K never saturates and always converges"
+        0.1,
+        "(0, 1]",
+        "rad",
+        "|θ_i| that counts as upright",
+        "from the box, K never saturates and always converges",
     )
-    recovered_rate: float = _chosen(0.5, "(0, 10]", "rad/s", "|θ̇_i| that counts as upright", "as recovered_angle")
+    recovered_rate: float = _chosen(
+        0.5, "(0, 10]", "rad/s", "|θ̇_i| that counts as upright", "as recovered_angle"
+    )
     rate_bound: float = _chosen(
         300.0,
         "[50, 1000]",
@@ -173,16 +203,26 @@ class Choices:
         "(0, 600]",
         "s",
         "random policy: time for which a torque is held",
-        "with a new torque every 10 ms all of 𝕏 is safe, so that α = 0 would hold no unsafe state (Fig. 2 shows both)",
+        "set-up condition: Fig. 2 shows unsafe states for α = 0; with a new torque every 10 ms all are safe",
     )
     random_length: float = _chosen(4.0, "(0, 600]", "s", "random policy: longest rollout", "as a trial")
     random_rollouts: int = _chosen(
-        2000, "[1, inf)", "", "random policy: number of rollouts", "the standard errors of μ and Σ are a few per cent"
+        2000,
+        "[1, inf)",
+        "",
+        "random policy: number of rollouts",
+        "the standard errors of μ and Σ are a few per cent",
     )
     mnd_outside: str = _chosen(
-        "keep", "keep|redraw", "", "MND states outside the ranges of App. C", "the paper draws from the MND itself"
+        "keep",
+        "keep|redraw",
+        "",
+        "MND states outside the ranges of App. C",
+        "the paper draws from the MND itself",
     )
-    omega_step: float = _chosen(0.05, "(0, 1]", "s", "ω: time between compared states", "K settles in about 1 s")
+    omega_step: float = _chosen(
+        0.05, "(0, 1]", "s", "ω: time between compared states", "K settles in about 1 s"
+    )
     omega_horizon: float = _chosen(5.0, "(0, 60]", "s", "ω: compared time", "the horizon of K")
     label_gap: float = _chosen(
         1.0,
@@ -193,7 +233,11 @@ class Choices:
     )
     perplexity: float = _chosen(30.0, "[1, 1000]", "", "t-SNE: perplexity", "openTSNE's default")
     psi_neighbours: int = _chosen(
-        16, "[1, 200]", "", "Ψ: number of neighbours", "best held-out calibration on nominal data of 4, 8, 16, 32"
+        16,
+        "[1, 200]",
+        "",
+        "Ψ: number of neighbours",
+        "best held-out calibration on nominal data of 4, 8, 16, 32",
     )
     gamma_evidence: str = _chosen(
         "held out",
@@ -203,10 +247,18 @@ class Choices:
         "held-out calibration: a Brier score of 0.11 instead of 0.14 where t-SNE has put the training states",
     )
     gamma_bandwidth: float = _chosen(
-        0.2, "(0, 1]", "", "Γ: kernel width in RMS radii of the y_i", "best held-out calibration of 0.05 to 0.4"
+        0.2,
+        "(0, 1]",
+        "",
+        "Γ: kernel width in RMS radii of the y_i",
+        "best held-out calibration of 0.05 to 0.4",
     )
     gamma_prior: float = _chosen(
-        1.0, "(0, 1000]", "", "Γ: pseudo-count of unsafe evidence", "best held-out calibration of 0.3, 1 and 3"
+        1.0,
+        "(0, 1000]",
+        "",
+        "Γ: pseudo-count of unsafe evidence",
+        "best held-out calibration of 0.3, 1 and 3",
     )
     gamma_cells: int = _chosen(
         128, "[8, 1024]", "", "Γ: cells per side of the grid", "a cell is a fraction of the kernel width"
@@ -216,10 +268,14 @@ class Choices:
         "true|false",
         "",
         "the origin joins the training states of Ψ and Γ as one more safe state",
-        "the paper assumes that the origin is known to be safe; without it 2 of 8 datasets of α = 1 deny that",
+        "set-up condition: the origin is known to be safe; without this, 2 of 8 datasets of α = 1 deny that",
     )
     data_per_seed: bool = _chosen(
-        False, "true|false", "", "one training dataset per seed instead of one per α", "Fig. 2 shows one per α"
+        False,
+        "true|false",
+        "",
+        "one training dataset per seed instead of one per α",
+        "Fig. 2 shows one per α",
     )
     log_std_init: float = _chosen(
         -1.0,
@@ -230,7 +286,11 @@ class Choices:
     )
     clip_range: float = _chosen(0.2, "(0, 1)", "", "PPO: clip range", "stable-baselines3's default")
     visited_states: int = _chosen(
-        20_000, "[1, inf)", "", "visited states kept of a run, about", "enough for an error rate to half a per cent"
+        20_000,
+        "[1, inf)",
+        "",
+        "visited states kept of a run, about",
+        "enough for an error rate to half a per cent",
     )
     checkpoint_updates: int = _chosen(
         10, "[1, inf)", "", "updates between two checkpoints", "about a minute of work is lost at most"
@@ -294,7 +354,9 @@ def parse_value(name: str, text: str) -> Any:
     try:
         return types[name](text)  # type: ignore[operator]
     except ValueError:
-        raise ParameterError(f"{name} = {text}: must be a {'whole ' if types[name] is int else ''}number") from None
+        raise ParameterError(
+            f"{name} = {text}: must be a {'whole ' if types[name] is int else ''}number"
+        ) from None
 
 
 def parse_settings(settings: Iterable[str]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Pictures of the pendulum (Fig. 1, animations, `render`), drawn with matplotlib."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from srlrepro.config import Paper
@@ -25,7 +27,7 @@ def draw_pendulum(ax: Axes, joints: Floats, paper: Paper, color: str = LINK, cir
     ax.axhline(0.0, color=GROUND, linewidth=3, zorder=0)
     if circle:
         centre = (0.0, paper.circle_height)
-        ax.add_patch(plt.Circle(centre, paper.circle_radius, fill=False, color=TARGET, linestyle="--"))
+        ax.add_patch(Circle(centre, paper.circle_radius, fill=False, color=TARGET, linestyle="--"))
     (line,) = ax.plot(*joints.T, "o-", color=color, linewidth=3, markersize=6, solid_capstyle="round")
     ax.set(xlim=(-reach - 0.2, reach + 0.2), ylim=(-0.6, reach + 0.2), aspect="equal")
     ax.set(xlabel="horizontal position / m", ylabel="height / m")
@@ -76,7 +78,9 @@ class PendulumView:
             plt.close(self._figure)
 
 
-def animate(path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, period: float, fps: int = 20) -> None:
+def animate(
+    path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, period: float, fps: int = 20
+) -> None:
     """Write a GIF with one panel per clip, side by side.
 
     clips: (title, joints [T, 4, 2] m at every control period, colour); shorter clips hold their last frame.
@@ -106,17 +110,20 @@ def animate(path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, 
 
 def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
     """Fig. 1: the zero configuration, a pose with its joint angles (joints [4, 2] each), and the target."""
-    centre = np.array([0.0, paper.circle_height])
     draw_pendulum(ax, zero, paper, color="#BBBBBB", circle=False)
     draw_pendulum(ax, pose, paper)
     before = np.array([0.0, 1.0])
-    for i, (start, end) in enumerate(zip(pose[:-1], pose[1:], strict=True), start=1):
+    for i, (start, end) in enumerate(pairwise(pose), start=1):
         ax.plot(*np.stack([start, start + 0.55 * before]).T, ":", color="#777777", linewidth=1)
         between = before + (end - start) / np.linalg.norm(end - start)
-        ax.annotate(rf"$\theta_{i}$", start + 0.62 * between / np.linalg.norm(between), ha="center", va="center")
+        ax.annotate(
+            rf"$\theta_{i}$", start + 0.62 * between / np.linalg.norm(between), ha="center", va="center"
+        )
         before = (end - start) / np.linalg.norm(end - start)
-    side = centre + paper.circle_radius * np.array([1.0, 0.0])
-    ax.annotate("", side - [0.0, 0.12], side + [0.0, 0.06], arrowprops={"arrowstyle": "->", "color": TARGET})
-    ax.annotate("target circle", side + [0.15, 0.0], color=TARGET, va="center")
-    ax.annotate("zero configuration,\nend-effector at (0, 3) m", (-0.15, 3.0), ha="right", va="center", color="#777777")
-    ax.annotate("$p_e$", pose[-1] + [0.12, -0.12])
+    left, height = -paper.circle_radius, paper.circle_height
+    arrow = {"arrowstyle": "->", "color": TARGET}
+    ax.annotate("", (left + 0.01, height + 0.12), (left, height - 0.06), arrowprops=arrow)
+    ax.annotate("target circle", (left - 0.15, height), color=TARGET, ha="right", va="center")
+    ax.annotate("zero configuration,\nend-effector at (0, 3) m", (0.15, 3.2), va="center", color="#777777")
+    ax.set(xlim=(-1.8, 1.8), ylim=(-0.2, 3.5))
+    ax.annotate("$p_e$", (pose[-1, 0] + 0.1, pose[-1, 1]))

@@ -28,11 +28,13 @@ def trajectory_distances(paths: ArrayLike, state_max: ArrayLike) -> Floats:
     space of App. C, and how far they run says nothing about the state that they started from.
     """
     array = np.asarray(paths, dtype=np.float64)
-    check(array.ndim == 3 and array.shape[2] == 6, "trajectories", f"shape {array.shape}", "of shape [k, T, 6]")
+    check(
+        array.ndim == 3 and array.shape[2] == 6, "trajectories", f"shape {array.shape}", "of shape [k, T, 6]"
+    )
     check(bool(np.isfinite(array).all()), "trajectories", "NaN or infinity", "finite numbers (rad, rad/s)")
     scaled = np.clip(array / np.asarray(state_max), -1.0, 1.0)
     flat = scaled.reshape(len(scaled), -1) / np.sqrt(scaled.shape[1])
-    return squareform(pdist(flat))
+    return np.asarray(squareform(pdist(flat)), np.float64)
 
 
 def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_gap: float) -> Floats:
@@ -45,8 +47,10 @@ def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_ga
     omega, labels = trajectory_distances(paths, state_max), np.asarray(z)
     check(labels.shape == (len(omega),), "z", f"shape {labels.shape}", f"labels of shape [{len(omega)}]")
     largest = omega.max()
-    scaled = omega / largest if largest > 0 else omega
-    return scaled + label_gap * (labels[:, None] != labels[None, :])
+    if largest > 0:
+        omega /= largest
+    omega += label_gap * (labels[:, None] != labels[None, :])
+    return omega
 
 
 def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
@@ -69,7 +73,9 @@ def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
 
 
 @jit
-def map_state(scale, x_train, y_train, neighbours, skip, x):
+def map_state(
+    scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, skip: int, x: Floats
+) -> tuple[float, float]:
     """Ψ of one state x [6]: (y_1, y_2).
 
     scale [6]: half ranges; x_train [6, k]: scaled training states, one row per coordinate, so that the
@@ -96,10 +102,8 @@ def map_state(scale, x_train, y_train, neighbours, skip, x):
     y1, y2, total = 0.0, 0.0, 0.0
     exact = nearest[0] == 0.0
     for j in range(neighbours):
-        if exact:
-            weight = 1.0 if nearest[j] == 0.0 else 0.0
-        else:
-            weight = 1.0 / np.sqrt(nearest[j])
+        at_it = 1.0 if nearest[j] == 0.0 else 0.0
+        weight = at_it if exact else 1.0 / np.sqrt(nearest[j])
         y1 += weight * y_train[index[j], 0]
         y2 += weight * y_train[index[j], 1]
         total += weight
@@ -107,7 +111,9 @@ def map_state(scale, x_train, y_train, neighbours, skip, x):
 
 
 @jit
-def map_states(scale, x_train, y_train, neighbours, leave_one_out, x):
+def map_states(
+    scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, leave_one_out: bool, x: Floats
+) -> Floats:
     """Ψ of states x [B, 6]: y [B, 2]. ``leave_one_out``: x are the training states, each without itself."""
     y = np.empty((x.shape[0], 2))
     for i in range(x.shape[0]):

@@ -13,14 +13,24 @@ from numpy.typing import NDArray
 
 from srlrepro.config import Config, Paper, check
 from srlrepro.drawing import PendulumView
-from srlrepro.labels import HIT_GROUND, ClosedLoop, RecoveryRule, hold_torque
-from srlrepro.pendulum import Floats, ThreeLinkPendulum, jit, tip
+from srlrepro.labels import HIT_GROUND, ClosedLoop, Limits, RecoveryRule, hold_torque
+from srlrepro.pendulum import (
+    Coefficients,
+    Floats,
+    State,
+    ThreeLinkPendulum,
+    Torque,
+    as_state,
+    jit,
+    tip,
+)
 
+Circle = tuple[float, float, float]  # height of the centre (m), radius (m), speed (rad/s)
 TIME_LIMIT, FELL, DIVERGED = "time limit", "hit the ground", "diverged"
 
 
 @jit
-def target(circle, t):
+def target(circle: Circle, t: float) -> tuple[float, float]:
     """p_d(t): the point (m) on the circle (height of its centre, radius, speed) at the time t (s).
 
     The target starts at the top, where the end-effector of the zero configuration is, and turns
@@ -31,7 +41,17 @@ def target(circle, t):
 
 
 @jit
-def advance(coefficients, lengths, limits, circle, reward, torque_limit, state, action, t):
+def advance(
+    coefficients: Coefficients,
+    lengths: Torque,
+    limits: Limits,
+    circle: Circle,
+    reward: tuple[float, float],
+    torque_limit: float,
+    state: State,
+    action: Torque,
+    t: float,
+) -> tuple[State, float, int]:
     """One control period that starts at time t: (state, R, 0 or the outcome that ends the trial).
 
     action: 3-tuple in [-1, 1], limited here and scaled to the torque limit. R is that of the state and
@@ -45,11 +65,15 @@ def advance(coefficients, lengths, limits, circle, reward, torque_limit, state, 
     state, outcome = hold_torque(coefficients, limits, state, u)
     px, py = tip(lengths, state)
     dx, dy = target(circle, t + limits[0] * limits[1])
-    return state, reward[0] - reward[1] * np.hypot(px - dx, py - dy), outcome  # App. C: R = R_c − 10 ‖p_e − p_d‖
+    return (
+        state,
+        reward[0] - reward[1] * np.hypot(px - dx, py - dy),
+        outcome,
+    )  # App. C: R = R_c − 10 ‖p_e − p_d‖
 
 
 @jit
-def observe(scale, circle, state, t, out):
+def observe(scale: Floats, circle: Circle, state: State, t: float, out: NDArray[np.float32]) -> None:
     """Observation [8] of a state at time t: the state in half ranges of App. C, and the target's phase."""
     for j in range(6):
         out[j] = state[j] / scale[j]
@@ -75,7 +99,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError: a parameter is not allowed.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
 
     def __init__(
         self,
@@ -87,7 +111,9 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         length = config.choices.trial_length if trial_length is None else trial_length
         config = config.with_values(trial_length=length)
         modes = self.metadata["render_modes"]
-        check(render_mode is None or render_mode in modes, "render_mode", render_mode, f"None or one of {modes}")
+        check(
+            render_mode is None or render_mode in modes, "render_mode", render_mode, f"None or one of {modes}"
+        )
         paper: Paper = config.paper
         self.config = config
         self.render_mode = render_mode
@@ -133,24 +159,26 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._circle,
             self._reward,
             self.config.paper.torque_limit,
-            tuple(self.state),
+            as_state(self.state),
             (a[0], a[1], a[2]),
             self.time,
         )
         self.state, self.period = np.array(state), self.period + 1
         terminated = ended != 0
         truncated = not terminated and self.period >= self.trial_periods
-        outcome = (FELL if ended == HIT_GROUND else DIVERGED) if terminated else TIME_LIMIT if truncated else ""
+        outcome = (
+            (FELL if ended == HIT_GROUND else DIVERGED) if terminated else TIME_LIMIT if truncated else ""
+        )
         if self.render_mode == "human":
             self.render()
         return self._observation(), float(reward), terminated, truncated, {"outcome": outcome}
 
     def _observation(self) -> NDArray[np.float32]:
         out = np.empty(8, np.float32)
-        observe(self._scale, self._circle, tuple(self.state), self.time, out)
+        observe(self._scale, self._circle, as_state(self.state), self.time, out)
         return out
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The picture [H, W, 3] in "rgb_array"; draws the window in "human"."""
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")

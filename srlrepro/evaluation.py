@@ -21,6 +21,7 @@ from srlrepro.sampling import MultivariateNormal, sample_mnd, sample_uniform
 
 TEST_STATES = 5000  # per distribution: the standard error of a share is at most 0.007
 BINS = 10
+LAST_SHARE = 10  # the end of a training is the last tenth of its steps
 
 
 def classification(region: SafeRegion, x: Floats, labels: Labels) -> dict[str, float]:
@@ -32,7 +33,7 @@ def classification(region: SafeRegion, x: Floats, labels: Labels) -> dict[str, f
     """
     probability = region.safety(x)
     h = (probability > region.p_t).astype(np.int64)
-    (tn, fp), (fn, tp) = confusion_matrix(labels, h, labels=[0, 1]) / len(x)
+    (_, fp), (fn, tp) = confusion_matrix(labels, h, labels=[0, 1]) / len(x)
     return {
         "error": fp + fn,
         "false_positives": fp,
@@ -110,16 +111,16 @@ def read_runs(results: str | Path, names: Iterable[str]) -> tuple[pd.DataFrame, 
     return pd.concat(curves, ignore_index=True), pd.DataFrame(counts)
 
 
-def run_measures(result: Mapping[str, Any], curve: pd.DataFrame, trials: pd.DataFrame) -> dict[str, float]:
+def run_measures(result: Mapping[str, Any], trials: pd.DataFrame) -> dict[str, float]:
     """Measures of one training run.
 
-    ``final_return``: mean return of the trials that end in the last tenth of the updates; ``success_rate``:
+    ``final_return``: mean return of the trials that end in the last tenth of the steps; ``success_rate``:
     recovered / activations; ``violations_per_1000_steps``: failures of K and falls of π;
-    ``policy_return_share``: return of the final mean policy in its own condition, as a share of R_c per period.
+    ``policy_return_share``: return of the final mean policy in its own condition over a perfect one.
     """
     counts, steps = result["counts"], result["steps_done"]
     values = result["config"]
-    last = trials[trials["step"] > curve["step"].iloc[-max(1, len(curve) // 10) - 1]] if len(curve) > 1 else trials
+    last = trials[trials["step"] > steps * (1 - 1 / LAST_SHARE)]
     failures = counts["activations"] - counts["recovered"]
     best = values["reward_constant"] * round(values["trial_length"] / values["control_period"])
     measures = {

@@ -11,6 +11,7 @@ import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
 
 from srlrepro.config import Config
 from srlrepro.files import beside, write_table
@@ -54,13 +55,18 @@ def label(name: str) -> str:
 
 def save_figure(figure: Figure, folder: str | Path, name: str, table: pd.DataFrame) -> None:
     """Write ``name``.pdf, ``name``.png and ``name``.csv, the table that the figure draws."""
-    for suffix, metadata in ((".pdf", {"CreationDate": None, "Producer": None}), (".png", {"Software": None})):
+    for suffix, metadata in (
+        (".pdf", {"CreationDate": None, "Producer": None}),
+        (".png", {"Software": None}),
+    ):
         with beside(Path(folder) / f"{name}{suffix}") as temporary:
             figure.savefig(temporary, metadata=metadata)
     write_table(Path(folder) / f"{name}.csv", table, digits=6)
 
 
-def panels(count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc") -> tuple[Figure, list[Axes]]:
+def panels(
+    count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc"
+) -> tuple[Figure, list[Axes]]:
     """A row of panels, lettered as in the paper."""
     figure, axes = plt.subplots(1, count, figsize=(width * count, height), squeeze=False)
     row = list(axes[0])
@@ -79,11 +85,13 @@ def plot_states(ax: Axes, x: Floats, z: Labels, config: Config) -> None:
     """Fig. 2 (a)-(c): joint angle and velocity of the first link, by label."""
     for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
         shown = x[z == value]
-        ax.scatter(shown[:, 0], shown[:, 3], s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True)
+        ax.scatter(
+            shown[:, 0], shown[:, 3], s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True
+        )
     high = np.array(config.paper.state_max)
     ax.set(xlim=(-1.15 * high[0], 1.15 * high[0]), ylim=(-1.6 * high[3], 1.6 * high[3]))
     ax.add_patch(
-        plt.Rectangle((-high[0], -high[3]), 2 * high[0], 2 * high[3], fill=False, linestyle=":", color="#777777")
+        Rectangle((-high[0], -high[3]), 2 * high[0], 2 * high[3], fill=False, linestyle=":", color="#777777")
     )
     ax.set(xlabel=r"$\theta_1$ / rad", ylabel=r"$\dot\theta_1$ / (rad/s)")
 
@@ -92,7 +100,9 @@ def plot_embedding(ax: Axes, y: Floats, z: Labels) -> None:
     """Fig. 2 (d)-(f): the simplified states y_i, by label."""
     for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
         shown = y[z == value]
-        ax.scatter(*shown.T, s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True)
+        ax.scatter(
+            shown[:, 0], shown[:, 1], s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True
+        )
     ax.set(xlabel="$y_1$", ylabel="$y_2$", aspect="equal", adjustable="datalim")
 
 
@@ -106,7 +116,12 @@ def plot_gamma(ax: Axes, region: RegionArrays, p_t: float) -> AxesImage:
     centres = region.cell * (np.arange(region.gamma.shape[0]) + 0.5)
     if region.gamma.min() < p_t < region.gamma.max():
         ax.contour(
-            region.origin[0] + centres, region.origin[1] + centres, region.gamma.T, [p_t], colors="#D55E00", linewidths=1.4
+            region.origin[0] + centres,
+            region.origin[1] + centres,
+            region.gamma.T,
+            [p_t],
+            colors="#D55E00",
+            linewidths=1.4,
         )
     ax.set(xlabel="$y_1$", ylabel="$y_2$")
     return picture
@@ -144,10 +159,8 @@ def plot_counts(ax: Axes, counts: pd.DataFrame, columns: Iterable[tuple[str, str
         group = counts[counts["alpha"] == name]
         for j, (column, hatch) in enumerate(pairs):
             place = i + (j - (len(pairs) - 1) / 2) * width
-            ax.bar(
-                place, group[column].mean(), width, color=color(name), alpha=0.75 if hatch else 1.0, hatch=hatch,
-                edgecolor="white",
-            )  # fmt: skip
+            mean, fill = group[column].mean(), mpl.colors.to_rgba(color(name), 0.75 if hatch else 1.0)
+            ax.bar(place, mean, width, hatch=hatch, facecolor=fill, edgecolor="white")
             spread = np.linspace(-0.25, 0.25, len(group)) * width if len(group) > 1 else np.zeros(1)
             ax.plot(place + spread, group[column], "o", color="black", markersize=2.5)
     ax.set_xticks(range(len(names)), [label(n) for n in names])

@@ -56,11 +56,11 @@ def require_writable(folder: Path) -> None:
     Raises:
         ResultError: it cannot.
     """
-    with suppress(_Probe), beside(Path(folder) / "probe"):
-        raise _Probe
+    with suppress(_ProbeError), beside(Path(folder) / "probe"):
+        raise _ProbeError
 
 
-class _Probe(Exception):
+class _ProbeError(Exception):
     """Ends `beside` without leaving a file."""
 
 
@@ -77,7 +77,7 @@ def existing(path: Path) -> Path:
 
 def write_arrays(path: Path, kind: str, **arrays: Any) -> None:
     """Write named arrays as compressed npz, with ``kind`` naming the format."""
-    with beside(path) as temporary, open(temporary, "wb") as file:
+    with beside(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, format=np.array(kind), **arrays)
 
 

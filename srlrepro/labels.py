@@ -8,16 +8,18 @@ by simulation, with a finite horizon and a small box around upright that counts 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from srlrepro.config import Choices, Config, Paper
-from srlrepro.lqg import LQG, lqg_update
+from srlrepro.lqg import LQG, Gains, lqg_update
 from srlrepro.pendulum import (
+    Coefficients,
     Floats,
+    State,
     ThreeLinkPendulum,
+    Torque,
     as_state,
     as_states,
     as_torque,
@@ -26,6 +28,7 @@ from srlrepro.pendulum import (
 )
 
 Labels = NDArray[np.int64]
+Limits = tuple[float, int, float, float, float, float]
 RECOVERED, HIT_GROUND, NOT_RECOVERED = 1, 2, 3
 OUTCOMES = {RECOVERED: "recovered", HIT_GROUND: "hit the ground", NOT_RECOVERED: "not recovered in time"}
 
@@ -56,14 +59,21 @@ class RecoveryRule:
         return round(self.horizon / self.control_period)
 
     @property
-    def limits(self) -> tuple[float, int, float, float, float, float]:
+    def limits(self) -> Limits:
         """The rule as `recover` takes it."""
         dt = self.control_period / self.substeps
-        return (dt, self.substeps, self.ground_angle, self.recovered_angle, self.recovered_rate, self.rate_bound)
+        return (
+            dt,
+            self.substeps,
+            self.ground_angle,
+            self.recovered_angle,
+            self.recovered_rate,
+            self.rate_bound,
+        )
 
 
 @jit
-def hold_torque(coefficients, limits, state, u):
+def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Torque) -> tuple[State, int]:
     """One control period with the torque u (3-tuple) held; returns (state, 0 or the outcome that ends it).
 
     The returned state is finite: a step beyond the rate bound (or to NaN) is not taken.
@@ -80,7 +90,7 @@ def hold_torque(coefficients, limits, state, u):
 
 
 @jit
-def is_upright(limits, state):
+def is_upright(limits: Limits, state: State) -> bool:
     """Whether the state (6-tuple) lies in the box that counts as recovered."""
     angle, rate = limits[3], limits[4]
     near = abs(state[0]) <= angle and abs(state[1]) <= angle and abs(state[2]) <= angle
@@ -88,7 +98,9 @@ def is_upright(limits, state):
 
 
 @jit
-def recover(coefficients, gains, limits, periods, x, path):
+def recover(
+    coefficients: Coefficients, gains: Gains, limits: Limits, periods: int, x: Floats, path: Floats
+) -> tuple[int, int]:
     """Run K from x [6]; returns (outcome, control periods until it).
 
     path [periods + 1, 6] is filled with the states at the control instants, the last state repeated
@@ -118,7 +130,16 @@ def recover(coefficients, gains, limits, periods, x, path):
 
 
 @jit
-def _recover_batch(coefficients, gains, limits, periods, x, paths, outcomes, durations):
+def _recover_batch(
+    coefficients: Coefficients,
+    gains: Gains,
+    limits: Limits,
+    periods: int,
+    x: Floats,
+    paths: Floats,
+    outcomes: Labels,
+    durations: Floats,
+) -> None:
     for i in range(x.shape[0]):
         outcomes[i], durations[i] = recover(coefficients, gains, limits, periods, x[i], paths[i])
 
@@ -140,7 +161,7 @@ class Rollouts:
     @property
     def labels(self) -> Labels:
         """Safety labels z [B] of eq. (2): 1 recovered, 0 else."""
-        return (self.outcomes == RECOVERED).astype(np.int64)
+        return np.asarray(self.outcomes == RECOVERED, np.int64)
 
 
 @dataclass(frozen=True)
@@ -185,7 +206,7 @@ class ClosedLoop:
         return cls(ThreeLinkPendulum(delta, p.link_mass, p.link_length, c.gravity), controller, rule)
 
     @cached_property
-    def kernel_arguments(self) -> tuple[Any, ...]:
+    def kernel_arguments(self) -> tuple[Coefficients, Gains, Limits, int]:
         """(coefficients, gains, limits, periods) as `recover` takes them."""
         return self.system.coefficients, self.controller.arrays, self.rule.limits, self.rule.periods
 

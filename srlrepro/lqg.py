@@ -31,9 +31,11 @@ from scipy.signal import cont2discrete
 from srlrepro.config import Choices, Paper, check
 from srlrepro.pendulum import Floats, ThreeLinkPendulum, jit
 
+Gains = tuple[Floats, Floats, Floats, Floats, float]  # A, B, L, K_f, torque limit
+
 
 @jit
-def lqg_update(gains, xbar, y, u):
+def lqg_update(gains: Gains, xbar: Floats, y: Floats, u: Floats) -> None:
     """One period of K: reads the measurement y [6], writes u [3], advances the prediction x̄ [6] in place."""
     a, b, gain, filter_gain, limit = gains
     xhat = np.empty(6)
@@ -83,7 +85,12 @@ class LQG:
     torque_limit: float = Paper.torque_limit
 
     def __post_init__(self) -> None:
-        check(self.nominal.delta == 1.0, "nominal.delta", self.nominal.delta, "1: K knows the nominal system only")
+        check(
+            self.nominal.delta == 1.0,
+            "nominal.delta",
+            self.nominal.delta,
+            "1: K knows the nominal system only",
+        )
 
     def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
         """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
@@ -113,17 +120,17 @@ class LQG:
         """The feedback gain L [3, 6] in N·m per rad and rad/s."""
         (a, b), (q, r) = self.model, self.weights
         p = solve_discrete_are(a, b, q, r)
-        return np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a)
+        return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a), np.float64)
 
     @cached_property
     def filter_gain(self) -> Floats:
         """The steady-state Kalman gain K_f [6, 6] of the measurement update."""
         (a, _), (w, v) = self.model, self.noise
         s = solve_discrete_are(a.T, np.eye(6), w, v)
-        return np.linalg.solve(s + v, s).T
+        return np.asarray(np.linalg.solve(s + v, s).T, np.float64)
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats, Floats, float]:
+    def arrays(self) -> Gains:
         """(A, B, L, K_f, torque limit) as the compiled kernels take them."""
         a, b = self.model
         ordered = [np.ascontiguousarray(m) for m in (a, b, self.gain, self.filter_gain)]

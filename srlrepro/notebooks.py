@@ -46,7 +46,9 @@ def check_parameters(notebook: Path, given: dict[str, Any]) -> None:
     """
     defaults = parameters_of(notebook)
     for name, value in given.items():
-        check(name in defaults, name, value, f"one of the parameters of {notebook.name}: {', '.join(defaults)}")
+        check(
+            name in defaults, name, value, f"one of the parameters of {notebook.name}: {', '.join(defaults)}"
+        )
         default = defaults[name]
         kinds = (int, float) if isinstance(default, float) else type(default)
         fits = isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
@@ -54,7 +56,11 @@ def check_parameters(notebook: Path, given: dict[str, Any]) -> None:
 
 
 def execute(
-    notebook: Path, output: Path, parameters: dict[str, Any], results: Iterable[Path] = (), timeout: float = 86_400
+    notebook: Path,
+    output: Path,
+    parameters: dict[str, Any],
+    results: Iterable[Path] = (),
+    timeout: float = 86_400,
 ) -> None:
     """Execute a notebook in its own folder and write the executed copy.
 
@@ -78,8 +84,9 @@ def execute(
     require_writable(output.parent)
     started = time.time() - STALE
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
-        os.environ.update({name: "1" for name in THREADS})
+        os.environ.update(dict.fromkeys(THREADS, "1"))
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
+        transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
         try:
             papermill.execute_notebook(
                 notebook,
@@ -89,7 +96,7 @@ def execute(
                 kernel_name="python3",
                 progress_bar=False,
                 execution_timeout=timeout,
-                config=TraitletsConfig({"KernelManager": {"transport": "ipc"}}),  # ports can be raced for
+                config=TraitletsConfig({"KernelManager": transport}),
             )
         except papermill.PapermillExecutionError as error:
             failed = f"{error.ename}: {error.evalue}".splitlines()[0]
@@ -97,7 +104,11 @@ def execute(
         except (DeadKernelError, CellTimeoutError) as error:
             raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
         executed = nbformat.read(temporary, as_version=4)
-        ran = [cell.execution_count for cell in executed.cells if cell.cell_type == "code" and cell.source.strip()]
+        ran = [
+            cell.execution_count
+            for cell in executed.cells
+            if cell.cell_type == "code" and cell.source.strip()
+        ]
         if None in ran:
             raise ResultError(f"{notebook.name}: {ran.count(None)} of {len(ran)} code cells never ran")
         for path in results:

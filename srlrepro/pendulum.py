@@ -23,7 +23,9 @@ difference being d(x).
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -34,13 +36,19 @@ from srlrepro.config import Choices, Paper, check
 Floats = NDArray[np.float64]
 State = tuple[float, float, float, float, float, float]
 Torque = tuple[float, float, float]
+Coefficients = tuple[float, float, float, float, float, float, float, float, float]
 STATE_NAMES = ("θ1", "θ2", "θ3", "θ̇1", "θ̇2", "θ̇3")
 
-jit = njit(cache=True, error_model="numpy")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def jit(function: Function) -> Function:
+    """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
+    return cast(Function, njit(cache=True, error_model="numpy")(function))
 
 
 @jit
-def derivative(c, x, u):
+def derivative(c: Coefficients, x: State, u: Torque) -> State:
     """ẋ (6-tuple) of the state x (6-tuple) under the torque u (3-tuple); ``c``: `coefficients`."""
     c11, c12, c13, c22, c23, c33, gb1, gb2, gb3 = c
     s1, k1 = math.sin(x[0]), math.cos(x[0])
@@ -72,7 +80,7 @@ def derivative(c, x, u):
 
 
 @jit
-def _move(x, h, dx):
+def _move(x: State, h: float, dx: State) -> State:
     """x + h dx, on 6-tuples."""
     return (
         x[0] + h * dx[0],
@@ -85,7 +93,7 @@ def _move(x, h, dx):
 
 
 @jit
-def rk4_step(c, x, u, dt):
+def rk4_step(c: Coefficients, x: State, u: Torque, dt: float) -> State:
     """One step of the classical 4th-order Runge-Kutta method, u held; 6-tuple in, 6-tuple out."""
     k1 = derivative(c, x, u)
     k2 = derivative(c, _move(x, 0.5 * dt, k1), u)
@@ -96,19 +104,19 @@ def rk4_step(c, x, u, dt):
 
 
 @jit
-def as_state(a):
+def as_state(a: Floats) -> State:
     """The first six entries of an array as a tuple."""
     return (a[0], a[1], a[2], a[3], a[4], a[5])
 
 
 @jit
-def as_torque(a):
+def as_torque(a: Floats) -> Torque:
     """The first three entries of an array as a tuple."""
     return (a[0], a[1], a[2])
 
 
 @jit
-def tip(lengths, x):
+def tip(lengths: Torque, x: State) -> tuple[float, float]:
     """End-effector position (p_x, p_y) of the state x (6-tuple)."""
     phi2, phi3 = x[0] + x[1], x[0] + x[1] + x[2]
     l1, l2, l3 = lengths
@@ -119,7 +127,7 @@ def tip(lengths, x):
 
 
 @jit
-def _acceleration_batch(c, x, u):
+def _acceleration_batch(c: Coefficients, x: Floats, u: Floats) -> Floats:
     out = np.empty((x.shape[0], 3))
     for i in range(x.shape[0]):
         dx = derivative(c, as_state(x[i]), as_torque(u[i]))
@@ -128,7 +136,7 @@ def _acceleration_batch(c, x, u):
 
 
 @jit
-def _step_batch(c, x, u, dt):
+def _step_batch(c: Coefficients, x: Floats, u: Floats, dt: float) -> Floats:
     out = np.empty_like(x)
     for i in range(x.shape[0]):
         out[i] = np.array(rk4_step(c, as_state(x[i]), as_torque(u[i]), dt))
@@ -183,13 +191,13 @@ class ThreeLinkPendulum:
         return (self.link_length,) * 3
 
     @property
-    def coefficients(self) -> tuple[float, ...]:
+    def coefficients(self) -> Coefficients:
         """(c11, c12, c13, c22, c23, c33) in kg·m² and (g b1, g b2, g b3) in N·m: see the module."""
         m, l = np.array(self.masses), np.array(self.lengths)
         a = np.tril(np.tile(l, (3, 1)), -1) + np.diag(l / 2)  # a_ij [3, 3] m
         c = a.T @ np.diag(m) @ a
         gb = self.gravity * (m @ a)
-        return tuple(float(v) for v in (*c[np.triu_indices(3)], *gb))
+        return cast(Coefficients, tuple(float(v) for v in (*c[np.triu_indices(3)], *gb)))
 
     def acceleration(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """θ̈ [B, 3] rad/s² at the states x [B, 6] under the torques u [B, 3] N·m (not limited here)."""
@@ -211,7 +219,8 @@ class ThreeLinkPendulum:
         rate = np.cumsum(states[:, 3:], axis=1)
         cosine = np.cos(phi[:, :, None] - phi[:, None, :])
         kinetic = 0.5 * np.einsum("bj,jk,bjk,bk->b", rate, c, cosine, rate)
-        return kinetic + np.cos(phi) @ np.array(gb)
+        energy: Floats = kinetic + np.cos(phi) @ np.array(gb)
+        return energy
 
     def linearize(self) -> tuple[Floats, Floats]:
         """A [6, 6] and B [6, 3] of ẋ ≈ A x + B u at upright, in closed form.

@@ -53,23 +53,23 @@ class RegionArrays(NamedTuple):
 
 
 @jit
-def look_up(gamma, origin, cell, y1, y2):
+def look_up(gamma: Floats, origin: Floats, cell: float, y1: float, y2: float) -> float:
     """Γ of the cell that holds (y1, y2); 0 outside the grid, where there is no evidence."""
     i, j = int(np.floor((y1 - origin[0]) / cell)), int(np.floor((y2 - origin[1]) / cell))
     if i < 0 or j < 0 or i >= gamma.shape[0] or j >= gamma.shape[1]:
         return 0.0
-    return gamma[i, j]
+    return gamma[i, j]  # type: ignore[no-any-return]
 
 
 @jit
-def query(region, x):
+def query(region: RegionArrays, x: Floats) -> tuple[float, float, float]:
     """(y_1, y_2, Γ) of one state x [6]: Ψ, then Γ."""
     y1, y2 = map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)
     return y1, y2, look_up(region.gamma, region.origin, region.cell, y1, y2)
 
 
 @jit
-def _query_batch(region, x):
+def _query_batch(region: RegionArrays, x: Floats) -> Floats:
     out = np.empty(x.shape[0])
     for i in range(x.shape[0]):
         out[i] = query(region, x[i])[2]
@@ -79,7 +79,7 @@ def _query_batch(region, x):
 def kernel_estimate(y: Floats, evidence: Floats, z: Labels, bandwidth: float, prior: float) -> Floats:
     """Γ [B] at the points y [B, 2] from the evidence [k, 2] with labels z [k]: see the module."""
     weights = np.exp(-0.5 * (cdist(y, evidence) / bandwidth) ** 2)
-    return (weights @ z) / (weights.sum(axis=1) + prior)
+    return np.asarray((weights @ z) / (weights.sum(axis=1) + prior), np.float64)
 
 
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]

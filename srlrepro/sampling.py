@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from srlrepro.config import Config, check
 from srlrepro.files import read_arrays, write_arrays
-from srlrepro.labels import ClosedLoop, Labels, hold_torque
-from srlrepro.pendulum import Floats, as_states, as_torque, jit
+from srlrepro.labels import ClosedLoop, Labels, Limits, hold_torque
+from srlrepro.pendulum import Coefficients, Floats, as_states, as_torque, jit
 
 FORMAT = "srlrepro-training-data-1"
 
@@ -92,7 +92,14 @@ def sample_uniform(n: int, state_max: ArrayLike, rng: Generator) -> Floats:
 
 
 @jit
-def _random_rollouts(coefficients, limits, state_max, torques, periods_per_torque, out):
+def _random_rollouts(
+    coefficients: Coefficients,
+    limits: Limits,
+    state_max: Floats,
+    torques: Floats,
+    periods_per_torque: int,
+    out: Floats,
+) -> int:
     n = 0
     for i in range(torques.shape[0]):
         state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -104,7 +111,9 @@ def _random_rollouts(coefficients, limits, state_max, torques, periods_per_torqu
                 break
             out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = state
             n += 1
-            state, outcome = hold_torque(coefficients, limits, state, as_torque(torques[i, t // periods_per_torque]))
+            state, outcome = hold_torque(
+                coefficients, limits, state, as_torque(torques[i, t // periods_per_torque])
+            )
             if outcome != 0:
                 break
     return n

@@ -22,7 +22,9 @@ class Hypothesis(Protocol):
         ...
 
 
-class Supervisor(gym.Wrapper[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
+class Supervisor(
+    gym.Wrapper[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+):
     """Switch from π to K at the first state with h(x) = 0 (time t' of eq. 6).
 
     The state machine of a trial, checked after every control period of π:
@@ -70,7 +72,9 @@ class Supervisor(gym.Wrapper[NDArray[np.float32], NDArray[np.float32], NDArray[n
         observation, info = self.env.reset(seed=seed, options=options)
         self.recovery = None
         if not self._predicted_safe():
-            raise ParameterError("region: predicts the start of the trial as unsafe, so that π would never act")
+            raise ParameterError(
+                "region: predicts the start of the trial as unsafe, so that π would never act"
+            )
         return observation, info | {"activated": False, "recovery": "", "recovery_time": 0.0}
 
     def step(

@@ -202,7 +202,10 @@ def count(trials: pd.DataFrame) -> dict[str, int]:
     counts = {"trials": len(trials), "activations": len(active)}
     counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
     outcomes = trials["outcome"]
-    return counts | {"falls": int((outcomes == "hit the ground").sum()), "diverged": int((outcomes == "diverged").sum())}
+    return counts | {
+        "falls": int((outcomes == "hit the ground").sum()),
+        "diverged": int((outcomes == "diverged").sum()),
+    }
 
 
 def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
@@ -255,7 +258,9 @@ def train(
         report=report,
     )
     if model.num_timesteps < steps:
-        model.learn(steps - model.num_timesteps, callback=recorder, reset_num_timesteps=model.num_timesteps == 0)
+        model.learn(
+            steps - model.num_timesteps, callback=recorder, reset_num_timesteps=model.num_timesteps == 0
+        )
     trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
     result = {
         "run": asdict(run),

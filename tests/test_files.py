@@ -105,7 +105,7 @@ def test_a_truncated_archive_is_refused(archive: Path, share: float) -> None:
 def test_a_damaged_archive_is_refused_or_reads_as_it_was(archive: Path) -> None:
     content = archive.read_bytes()
     refused = 0
-    for position in range(0, len(content), 7):
+    for position in range(len(content)):
         damaged = bytearray(content)
         damaged[position] ^= 0xFF
         archive.write_bytes(damaged)
@@ -116,7 +116,7 @@ def test_a_damaged_archive_is_refused_or_reads_as_it_was(archive: Path) -> None:
         else:
             for name, array in ARRAYS.items():
                 np.testing.assert_array_equal(back[name], array)
-    assert refused > len(content) // 7 / 2
+    assert refused > len(content) / 2
 
 
 def plain_npz(path: Path) -> None:

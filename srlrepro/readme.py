@@ -1,0 +1,85 @@
+"""README.md from its template: every number in it comes from the results and the configuration."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from srlrepro.claims import load
+from srlrepro.config import Choices, Paper
+from srlrepro.files import beside, read_json, read_table
+
+ROOT = Path(__file__).resolve().parent.parent
+TEMPLATE, README = ROOT / "docs" / "README.md.jinja", ROOT / "README.md"
+RUN = "quick"  # the results that the README shows
+
+
+def _value(value: object) -> str:
+    return (
+        f"{value:.6g}"
+        if isinstance(value, float)
+        else str(value).lower()
+        if isinstance(value, bool)
+        else str(value)
+    )
+
+
+def _parameters(part: type, source: str) -> list[dict[str, str]]:
+    return [
+        {
+            "name": f.name,
+            "value": _value(f.default),
+            "unit": f.metadata["unit"],
+            "meaning": f.metadata["meaning"],
+            "why": f.metadata[source],
+        }
+        for f in fields(part)
+    ]
+
+
+def context() -> dict[str, Any]:
+    """What the template is filled with.
+
+    Raises:
+        ResultError: a table of the results is missing.
+    """
+    figures = ROOT / "figures" / RUN
+    measures = read_table(figures / "measures.csv", ("measure", "alpha", "delta", "seed", "value"))
+    regions = measures[measures["delta"].isna()].pivot_table(index="alpha", columns="measure", values="value")
+    stability = measures[measures["measure"] == "spectral_radius"].set_index("delta")["value"]
+    runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
+    return {
+        "claims": load(),
+        "stated": _parameters(Paper, "place"),
+        "chosen": _parameters(Choices, "reason"),
+        "regions": {f"{float(str(a)):g}": row.to_dict() for a, row in regions.iterrows()},
+        "stability": {f"{d:g}": r for d, r in stability.items()},
+        "run": read_json(figures / "run_time.json"),
+        "runs": runs[["alpha", "delta", "seed"]].drop_duplicates().shape[0],
+        "test": read_json(ROOT / "docs" / "test_time.json"),
+    }
+
+
+def render() -> str:
+    """The README's text."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATE.parent),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(TEMPLATE.name).render(context())
+
+
+def is_stale() -> bool:
+    """Whether README.md differs from what the results and the configuration say."""
+    return not README.exists() or README.read_text(encoding="utf-8") != render()
+
+
+def write() -> None:
+    """Render README.md."""
+    text = render()
+    with beside(README) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,348 @@
+"""The safe region: properties of Γ, the threshold, known safe states, files, scikit-learn's conventions, speed."""
+
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Learned
+from numba import njit
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from srlrepro.config import Config, Paper
+from srlrepro.embedding import map_states
+from srlrepro.files import ResultError, write_arrays
+from srlrepro.labels import ClosedLoop
+from srlrepro.pendulum import Floats
+from srlrepro.safe_region import (
+    FORMAT,
+    RegionArrays,
+    SafeRegion,
+    _query_batch,
+    kernel_estimate,
+    learn,
+    look_up,
+    query,
+)
+from srlrepro.sampling import generate, known_states
+
+Draw = Callable[..., Floats]
+HIGH = np.array(Config().paper.state_max)
+
+
+@pytest.fixture
+def example(draw: Draw) -> tuple[Floats, Floats, Floats]:
+    """States [30, 6], labels and simplified states [30, 2], unrelated to each other."""
+    rng = np.random.default_rng(4)
+    return draw(30, 8), rng.integers(0, 2, 30), rng.normal(size=(30, 2))
+
+
+def test_gamma_is_a_share_below_one(rng: np.random.Generator) -> None:
+    evidence, y = rng.normal(size=(200, 2)), 3 * rng.normal(size=(500, 2))
+    for z in (np.zeros(200, int), np.ones(200, int), rng.integers(0, 2, 200)):
+        gamma = kernel_estimate(y, evidence, z, 0.3, 1.0)
+        assert (gamma >= 0).all()
+        assert (gamma < 1).all()
+
+
+def test_gamma_counts_weighted_evidence_and_one_prior() -> None:
+    """By hand: a safe piece here, an unsafe one at distance b √(2 ln 2), where the kernel weighs one half."""
+    far = 0.3 * np.sqrt(2 * np.log(2))
+    gamma = kernel_estimate(np.zeros((1, 2)), np.array([[0, 0], [far, 0]]), np.array([1, 0]), 0.3, 2.5)
+    assert gamma[0] == pytest.approx(1 / (1 + 0.5 + 2.5))
+
+
+@pytest.mark.parametrize("prior", [0.1, 1.0, 5.0])
+def test_gamma_is_monotone_in_evidence(prior: float, rng: np.random.Generator) -> None:
+    evidence, z, y = rng.normal(size=(50, 2)), rng.integers(0, 2, 50), 2 * rng.normal(size=(300, 2))
+    before = kernel_estimate(y, evidence, z, 0.4, prior)
+    for place in rng.normal(size=(20, 2)):
+        more = np.vstack([evidence, place])
+        assert (kernel_estimate(y, more, np.append(z, 1), 0.4, prior) >= before - 1e-15).all()
+        assert (kernel_estimate(y, more, np.append(z, 0), 0.4, prior) <= before + 1e-15).all()
+
+
+def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...]) -> None:
+    x, _, y = example
+    region = SafeRegion(bandwidth=0.05, prior=0.1, p_t=0.3).fit_embedding(x, np.ones(30, int), y)
+    safe = region.arrays_.gamma > region.p_t
+    assert safe.any()
+    assert not safe.all()
+    corner = region.arrays_.gamma[[0, 0, -1, -1], [0, -1, 0, -1]]
+    assert corner.max() < 0.05
+    far = kernel_estimate(np.array([[1e3, -1e3]]), region.evidence_, region.labels_, 0.1, 0.1)
+    assert far[0] == 0.0
+
+
+def test_off_the_grid_nothing_is_safe(small: Learned) -> None:
+    a = small[1].arrays_
+    end = a.origin + a.cell * np.array(a.gamma.shape)
+    for y in ((a.origin[0] - 1e-6, 0), (0, a.origin[1] - 1e-6), (end[0] + 1e-6, 0), (0, end[1] + 1e-6), (1e9, -1e9)):
+        for function in (look_up, look_up.py_func):
+            assert function(np.ones_like(a.gamma), a.origin, a.cell, *map(float, y)) == 0.0
+    assert look_up(np.ones_like(a.gamma), a.origin, a.cell, *(a.origin + 1e-6)) == 1.0
+    assert look_up(np.ones_like(a.gamma), a.origin, a.cell, *(end - 1e-6)) == 1.0
+
+
+def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned) -> None:
+    region = small[1]
+    a = region.arrays_
+    spread = region.embedding_ - region.embedding_.mean(axis=0)
+    bandwidth = region.bandwidth * np.sqrt((spread**2).sum(axis=1).mean())
+    cells = np.random.default_rng(0).integers(0, region.cells, (200, 2))
+    centres = a.origin + a.cell * (cells + 0.5)
+    found = [look_up(a.gamma, a.origin, a.cell, *y) for y in centres]
+    expected = kernel_estimate(centres, region.evidence_, region.labels_, bandwidth, region.prior)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
+    inside = (region.embedding_ >= a.origin) & (region.embedding_ <= a.origin + a.cell * region.cells)
+    assert inside.all()
+
+
+def test_evidence_lies_where_the_other_states_place_it(example: tuple[Floats, ...]) -> None:
+    x, z, y = example
+    held_out = SafeRegion(evidence="held out", neighbours=3).fit_embedding(x, z, y)
+    np.testing.assert_array_equal(SafeRegion(evidence="embedded").fit_embedding(x, z, y).evidence_, y)
+    scaled = np.ascontiguousarray((x / HIGH).T)
+    np.testing.assert_array_equal(held_out.evidence_, map_states(HIGH, scaled, y, 3, True, x))
+    assert (held_out.evidence_ != y).any(axis=1).all()
+
+
+def test_predictions_are_consistent(small: Learned, draw: Draw) -> None:
+    region, x = small[1], draw(300)
+    gamma, a = region.safety(x), region.arrays_
+    y = region.transform(x)
+    np.testing.assert_array_equal(gamma, [look_up(a.gamma, a.origin, a.cell, *place) for place in y])
+    np.testing.assert_array_equal(region.predict_proba(x), np.stack([1 - gamma, gamma], axis=1))
+    np.testing.assert_array_equal(region.predict(x), gamma > region.p_t)
+    assert 0 < region.predict(x).sum() < 300
+    for method in (region.transform, region.safety, region.predict_proba, region.predict):
+        np.testing.assert_array_equal(method(x), np.concatenate([method(state) for state in x]))
+    assert region.predict(x).dtype.kind == "i"
+
+
+def test_learning_beats_guessing(small: Learned, draw: Draw) -> None:
+    """On fresh states, nearly all errors of a constant prediction are avoided where h says safe."""
+    x = draw(2000, 11)
+    labels, h = ClosedLoop().predict(x), small[1].predict(x)
+    assert labels[h == 1].mean() > labels.mean() + 0.1
+    assert labels[h == 0].mean() < labels.mean() - 0.1
+
+
+def test_the_threshold_is_strict(small: Learned, draw: Draw) -> None:
+    region = clone(small[1]).fit_embedding(small[1].arrays_.x_train.T * HIGH, small[1].labels_, small[1].embedding_)
+    gamma = region.safety(draw(100))
+    state, value = draw(100)[gamma.argmax()], gamma.max()
+    assert region.set_params(p_t=float(value)).predict(state)[0] == 0
+    assert region.set_params(p_t=float(np.nextafter(value, 0.0))).predict(state)[0] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
+def test_the_origin_is_known_to_be_safe(full: dict[float, Learned], alpha: float) -> None:
+    data, region = full[alpha]
+    assert region.predict(np.zeros(6))[0] == 1
+    x, z = known_states(data, Config())
+    np.testing.assert_array_equal(region.labels_, z)
+    np.testing.assert_array_equal(region.transform(x), region.embedding_)
+    assert 0 < region.predict(x).sum() < len(x)
+
+
+def test_learning_is_deterministic(small: Learned, small_config: Config) -> None:
+    again = learn(small[0], small_config)
+    for found, expected in zip(again.arrays_, small[1].arrays_, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_learn_takes_every_value_of_the_configuration(small: Learned, small_config: Config) -> None:
+    values: dict[str, Any] = dict(p_t=0.6, label_gap=0.5, perplexity=20.0, psi_neighbours=5, gamma_cells=64)
+    values |= dict(gamma_evidence="embedded", gamma_bandwidth=0.3, gamma_prior=2.0, known_origin=False)
+    region = learn(small[0], small_config.with_values(**values, omega_step=0.2, omega_horizon=1.0), seed=7)
+    names = dict(psi_neighbours="neighbours", gamma_cells="cells", gamma_evidence="evidence")
+    names |= dict(gamma_bandwidth="bandwidth", gamma_prior="prior")
+    expected = {names.get(name, name): value for name, value in values.items() if name != "known_origin"}
+    assert expected.items() <= region.get_params().items()
+    assert region.random_state == 7
+    assert len(region.labels_) == len(small[0].z)
+    paths = ClosedLoop.from_config(small_config).rollout(small[0].x).paths[:, :101:20]
+    same = clone(region).fit(small[0].x, small[0].z, paths)
+    np.testing.assert_array_equal(same.embedding_, region.embedding_)
+
+
+@pytest.mark.parametrize("known_origin", [True, False])
+def test_the_smallest_allowed_dataset_gives_a_region(known_origin: bool, small_config: Config) -> None:
+    (allowed,) = (f.metadata["allowed"] for f in fields(Paper) if f.name == "k")
+    least = int(allowed[1:].split(",")[0])
+    config = small_config.with_values(k=least, known_origin=known_origin)
+    region = learn(generate(0.5, config, 0), config)
+    assert region.predict(np.zeros((3, 6))).shape == (3,)
+
+
+def test_a_saved_region_predicts_the_same(small: Learned, draw: Draw, tmp_path: Path) -> None:
+    region, x = small[1], draw(500)
+    region.save(tmp_path / "region.npz")
+    back = SafeRegion.load(tmp_path / "region.npz")
+    assert back.get_params() == region.get_params()
+    for method in ("transform", "predict_proba", "predict"):
+        np.testing.assert_array_equal(getattr(back, method)(x), getattr(region, method)(x))
+    for name in ("embedding_", "evidence_", "labels_", "classes_"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(region, name))
+
+
+def test_truncated_and_foreign_files_are_refused(small: Learned, tmp_path: Path) -> None:
+    path = tmp_path / "region.npz"
+    small[1].save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ResultError, match=r"region\.npz"):
+        SafeRegion.load(path)
+    small[0].save(path)  # training data
+    with pytest.raises(ResultError, match=r"region\.npz"):
+        SafeRegion.load(path)
+    with pytest.raises(ResultError, match="missing"):
+        SafeRegion.load(tmp_path / "absent.npz")
+
+
+SPOILS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
+    "an entry too few": (lambda v: v.ndim > 0, lambda v: v[:-1]),
+    "a dimension too few": (lambda v: v.ndim > 0, lambda v: v[0]),
+    "NaN": (lambda v: v.dtype.kind == "f", lambda v: np.nan * v),
+    "text instead of numbers": (lambda v: v.dtype.kind in "if", lambda v: np.array("text")),
+    "minus one": (lambda v: v.dtype.kind in "if", lambda v: 0 * v - 1),
+}
+MAY_BE_NEGATIVE = {"array_x_train", "array_y_train", "array_origin", "evidence", "x", "y", "param_random_state"}
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_parts_that_do_not_fit_together_are_refused(small: Learned, tmp_path: Path, spoil: str) -> None:
+    path, accepted = tmp_path / "region.npz", []
+    applies, change = SPOILS[spoil]
+    small[1].save(path)
+    with np.load(path) as archive:
+        stored = {key: value for key, value in archive.items() if key != "format"}
+    names = [name for name in stored if applies(stored[name])]
+    for name in [n for n in names if spoil != "minus one" or n not in MAY_BE_NEGATIVE]:
+        write_arrays(path, FORMAT, **{**stored, name: change(stored[name])})
+        try:
+            SafeRegion.load(path)
+            accepted.append(name)
+        except ResultError as error:
+            assert str(path) in str(error)
+    assert names
+    assert accepted == []
+
+
+@pytest.mark.parametrize("bad", [np.zeros(5), np.zeros((2, 7)), np.full((3, 6), np.nan), [[np.inf] * 6]])
+def test_bad_states_are_refused(small: Learned, bad: Floats) -> None:
+    for method in (small[1].transform, small[1].safety, small[1].predict_proba, small[1].predict):
+        with pytest.raises(ValueError, match="x = "):
+            method(bad)
+
+
+def test_states_of_any_finite_size_have_a_place_and_a_label(small: Learned) -> None:
+    x = np.array([[1e6] * 6, [-1e150] * 6, [1e160] * 6, [1e300, 0, 0, 0, 0, 0]])
+    assert np.isfinite(small[1].transform(x)).all()
+    assert set(small[1].predict(x)) <= {0, 1}
+
+
+BAD_PARAMETERS: dict[str, list[Any]] = {
+    "p_t": [0.0, 1.0, -0.5, 1.5, np.nan],
+    "neighbours": [0, -1, 2.5],
+    "bandwidth": [0.0, -0.1, np.nan],
+    "prior": [0.0, -1.0, np.nan],
+    "cells": [0, -3],
+    "evidence": ["elsewhere"],
+    "state_max": [(0.0, *HIGH[1:]), tuple(HIGH[:5])],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(n, v) for n, values in BAD_PARAMETERS.items() for v in values])
+def test_bad_parameters_are_refused_by_name(example: tuple[Floats, ...], name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f"{name} = "):
+        SafeRegion(**{name: value}).fit_embedding(*example)
+
+
+def test_bad_training_data_are_refused_by_name(example: tuple[Floats, ...]) -> None:
+    x, z, y = example
+    spoilt = np.where(x > x.min(), x, np.nan)
+    cases = [
+        (spoilt, z, y, "x"),
+        (x[:, :5], z, y, "x"),
+        (x, z[:-1], y, "z"),
+        (x, z + 1, y, "z"),
+        (x, np.where(z == 1, np.nan, 0.0), y, "z"),
+        (x, z, y[:-1], "y"),
+        (x, z, y[:, :1], "y"),
+        (x[:1], z[:1], y[:1], "k"),
+    ]
+    for *data, name in cases:
+        with pytest.raises(ValueError, match=f"^{name} = "):
+            SafeRegion().fit_embedding(*data)
+
+
+def test_a_single_state_is_no_dataset(example: tuple[Floats, ...]) -> None:
+    with pytest.raises(ValueError, match="^k = 1"):
+        SafeRegion().fit(example[0][:1], [1], np.zeros((1, 5, 6)))
+
+
+def test_identical_simplified_states_are_one_place(example: tuple[Floats, ...]) -> None:
+    x, z, _ = example
+    region = SafeRegion(prior=1.0).fit_embedding(x, z, np.zeros((30, 2)))
+    np.testing.assert_allclose(region.safety(x[:3]), z.sum() / 31, rtol=1e-2)
+
+
+def test_sklearns_conventions(example: tuple[Floats, ...]) -> None:
+    region = SafeRegion(p_t=0.7, neighbours=3)
+    assert region.get_params()["p_t"] == 0.7
+    assert clone(region).get_params() == region.get_params()
+    assert region.set_params(prior=2.0) is region
+    assert region.prior == 2.0
+    for call in (region.transform, region.safety, region.predict_proba, region.predict, region.save):
+        with pytest.raises(NotFittedError):
+            call(np.zeros((1, 6)))
+    assert region.fit_embedding(*example) is region
+    np.testing.assert_array_equal(region.classes_, [0, 1])
+    assert region.score(example[0], region.predict(example[0])) == 1.0
+    with pytest.raises(NotFittedError):
+        clone(region).predict(example[0])
+
+
+def test_compiled_code_does_what_the_source_says(small: Learned, draw: Draw) -> None:
+    a, x = small[1].arrays_, draw(10)
+    for state in x:
+        np.testing.assert_allclose(query.py_func(a, state), query(a, state), rtol=1e-9)
+    np.testing.assert_array_equal(_query_batch.py_func(a, x), _query_batch(a, x))
+    y = small[1].transform(x)
+    for place in y:
+        assert look_up.py_func(a.gamma, a.origin, a.cell, *place) == look_up(a.gamma, a.origin, a.cell, *place)
+
+
+@njit
+def _ask(region: RegionArrays, x: Floats) -> float:
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += query(region, x[i])[2]
+    return total
+
+
+def best(call: Callable[[], object]) -> float:
+    """s: the fastest of several calls."""
+    seconds = []
+    for _ in range(7):
+        before = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - before)
+    return min(seconds)
+
+
+def test_predictions_are_fast_enough_for_every_step(draw: Draw) -> None:
+    """With k = 1000: 15 µs for one state in compiled code, 20 ms for a batch of a thousand."""
+    rng = np.random.default_rng(0)
+    region = SafeRegion().fit_embedding(draw(1000, 1), rng.integers(0, 2, 1000), rng.normal(size=(1000, 2)))
+    x = draw(1000, 2)
+    region.predict(x[:1])
+    assert 0 < _ask(region.arrays_, x) < 1000
+    assert best(lambda: _ask(region.arrays_, x)) / 1000 < 15e-6
+    assert best(lambda: region.predict(x)) < 20e-3

@@ -1,0 +1,185 @@
+"""The supervisor's state machine (eq. 6), driven by scripted hypotheses, and the ideal hypothesis (eq. 3)."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import RecordEpisodeStatistics
+
+from srlrepro.config import Config
+from srlrepro.env import ThreeLinkCircleEnv
+from srlrepro.labels import ClosedLoop
+from srlrepro.lqg import LQG
+from srlrepro.pendulum import Floats
+from srlrepro.supervisor import Hypothesis, Supervisor
+
+IDLE = np.zeros(3, np.float32)
+QUIET = {"activated": False, "recovery": "", "recovery_time": 0.0}
+LEANING = [0.3, 0, 0, 0, 0, 0]
+DOOMED = [1.3, 0, 0, 3.0, 0, 0]  # it falls, but not within a period
+FALLING = [1.5, 0, 0, 10.0, 0, 0]  # it falls within a period
+
+
+def unsafe_at(query: int) -> Hypothesis:
+    """A hypothesis that calls the states safe, but for the ``query``-th one it is asked about (from 0)."""
+    asked: list[Floats] = []
+
+    def predict(x: Any) -> Any:
+        asked.append(np.array(x))
+        return np.array([0 if len(asked) == query + 1 else 1])
+
+    return SimpleNamespace(predict=predict, asked=asked)
+
+
+def supervise(region: Hypothesis, delta: float = 1.0, **values: Any) -> Supervisor:
+    return Supervisor(ThreeLinkCircleEnv(delta, config=Config().with_values(**values)), region, LQG())
+
+
+def random_policy(seed: int) -> Callable[[], Floats]:
+    rng = np.random.default_rng(seed)
+    return lambda: rng.uniform(-1, 1, 3).astype(np.float32)
+
+
+def trial(env: Supervisor, policy: Callable[[], Floats] = lambda: IDLE, start: Any = None) -> list[tuple[Any, ...]]:
+    """The steps of a trial."""
+    env.reset(options=None if start is None else {"state": start})
+    steps = [env.step(policy())]
+    while not (steps[-1][2] or steps[-1][3]):
+        steps.append(env.step(policy()))
+    return steps
+
+
+@pytest.mark.parametrize("query", [1, 2, 30])
+def test_the_policy_acts_until_the_first_state_predicted_unsafe(query: int) -> None:
+    env, plain = supervise(unsafe_at(query)), ThreeLinkCircleEnv()
+    observation, info = env.reset()
+    np.testing.assert_array_equal(observation, plain.reset()[0])
+    assert info == {"outcome": "", **QUIET}
+    policy, same_policy = random_policy(1), random_policy(1)
+    for i in range(query):
+        *found, info = env.step(policy())
+        *expected, _ = plain.step(same_policy())
+        np.testing.assert_array_equal(found[0], expected[0])
+        assert found[1] == expected[1]  # the steps of K carry no reward
+        last = i == query - 1
+        assert found[2:] == [last, False]
+        assert info["activated"] is last
+        assert info["outcome"] == ("supervised" if last else "")
+    np.testing.assert_array_equal(env.task.state, plain.state)
+
+
+def test_the_hypothesis_reads_every_state_once() -> None:
+    region = unsafe_at(1000)
+    env = supervise(region, trial_length=0.1)
+    states = []
+    env.reset()
+    states.append(env.task.state)
+    policy = random_policy(2)
+    while len(states) <= env.task.trial_periods:
+        env.step(policy())
+        states.append(env.task.state)
+    np.testing.assert_array_equal(np.vstack(region.asked), np.vstack(states))  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("start", "values", "outcome"),
+    [
+        (LEANING, {}, "recovered"),
+        ([0.0] * 6, {}, "recovered"),
+        (DOOMED, {}, "hit the ground"),
+        (LEANING, {"recovery_horizon": Config().choices.control_period}, "not recovered in time"),
+    ],
+)
+@pytest.mark.parametrize("early_stop", ["terminate", "truncate"])
+def test_k_recovers_or_fails_and_the_trial_ends(start: Any, values: dict[str, Any], outcome: str, early_stop: str) -> None:
+    env = supervise(unsafe_at(1), early_stop=early_stop, **values)
+    (step,) = trial(env, start=start)
+    assert step[2:4] == ((True, False) if early_stop == "terminate" else (False, True))
+    info = step[4]
+    assert (info["activated"], info["outcome"], info["recovery"]) == (True, "supervised", outcome)
+    expected = env.loop.rollout(env.task.state)
+    assert info["recovery_time"] == expected.durations[0]
+    assert (info["recovery_time"] == 0) == (start == [0.0] * 6)
+
+
+@pytest.mark.parametrize("delta", [1.0, 1.5, 4.0])
+def test_k_of_the_nominal_system_runs_on_the_real_one_from_the_unsafe_state(delta: float) -> None:
+    env = supervise(unsafe_at(5), delta)
+    trial(env, random_policy(3), LEANING)
+    assert env.recovery is not None
+    expected = ClosedLoop.from_config(Config(), delta).rollout(env.task.state)
+    np.testing.assert_array_equal(env.recovery.paths, expected.paths)
+    np.testing.assert_array_equal(env.recovery.paths[0, 0], env.task.state)
+    assert env.loop.controller.nominal.delta == 1.0
+    env.reset()
+    assert env.recovery is None
+
+
+def test_an_unforeseen_fall_comes_before_the_supervisor() -> None:
+    region = unsafe_at(1)
+    env = supervise(region)
+    (step,) = trial(env, start=FALLING)
+    assert step[2:] == (True, False, {"outcome": "hit the ground", **QUIET})
+    assert env.recovery is None
+    assert len(region.asked) == 1  # type: ignore[attr-defined]
+
+
+def test_a_trial_that_diverges_is_not_supervised() -> None:
+    (step,) = trial(supervise(unsafe_at(1)), start=[0, 0, 0, 0, 0, 1e4])
+    assert step[2:] == (True, False, {"outcome": "diverged", **QUIET})
+
+
+def test_a_safe_trial_lasts_until_the_time_limit() -> None:
+    env = supervise(unsafe_at(1000), trial_length=0.2)
+    steps = trial(env)
+    assert len(steps) == env.task.trial_periods
+    assert steps[-1][2:] == (False, True, {"outcome": "time limit", **QUIET})
+    assert all(step[2:] == (False, False, {"outcome": "", **QUIET}) for step in steps[:-1])
+
+
+@pytest.mark.parametrize(("early_stop", "ends"), [("terminate", (True, False)), ("truncate", (False, True))])
+def test_unsafe_at_the_time_limit_is_still_supervised(early_stop: str, ends: tuple[bool, bool]) -> None:
+    env = supervise(unsafe_at(20), early_stop=early_stop, trial_length=20 * Config().choices.control_period)
+    steps = trial(env)
+    assert len(steps) == 20
+    assert steps[-1][2:4] == ends
+    assert steps[-1][4]["outcome"] == "supervised"
+
+
+def test_a_start_predicted_unsafe_is_an_error() -> None:
+    with pytest.raises(ValueError, match="region: predicts the start of the trial as unsafe"):
+        supervise(unsafe_at(0)).reset()
+
+
+@pytest.mark.parametrize("delta", [1.1, 4.0])
+def test_behind_the_ideal_hypothesis_k_always_fails(delta: float) -> None:
+    """With h = l the first state predicted unsafe is one from which K cannot recover, and none before was."""
+    loop = ClosedLoop.from_config(Config(), delta)
+    env, activations = supervise(loop, delta), 0
+    for seed in range(10):
+        info = trial(env, random_policy(seed))[-1][4]
+        activations += info["activated"]
+        if info["activated"]:
+            assert info["recovery"] in ("hit the ground", "not recovered in time")
+    assert activations > 0
+
+
+def test_a_stop_one_period_before_the_ideal_one_always_recovers() -> None:
+    """The state before the last one was still safe, so K from there succeeds."""
+    loop = ClosedLoop.from_config(Config(), 1.5)
+    for seed in range(5):
+        first = len(trial(supervise(loop, 1.5), random_policy(seed)))
+        assert first > 1
+        info = trial(supervise(unsafe_at(first - 1), 1.5), random_policy(seed))[-1][4]
+        assert info["recovery"] == "recovered"
+
+
+def test_wrapped_tasks_are_welcome_and_other_environments_are_not() -> None:
+    wrapped = Supervisor(RecordEpisodeStatistics(ThreeLinkCircleEnv()), unsafe_at(1), LQG())
+    wrapped.reset()
+    assert wrapped.step(IDLE)[4]["recovery"] == "recovered"
+    with pytest.raises(ValueError, match="must be a ThreeLinkCircleEnv"):
+        Supervisor(gym.make("CartPole-v1"), unsafe_at(1), LQG())

@@ -1,0 +1,358 @@
+"""Training: the parameters of App. C, determinism, interruption and kill, refused checkpoints, counts that add up."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from conftest import Learned
+from stable_baselines3 import PPO
+
+from srlrepro import checkpoint as checkpoints
+from srlrepro import training
+from srlrepro.config import Config
+from srlrepro.env import ThreeLinkCircleEnv
+from srlrepro.files import ResultError, read_arrays
+from srlrepro.supervisor import Hypothesis, Supervisor
+from srlrepro.training import TRIAL_COLUMNS, VISITED_FORMAT, Run, count, evaluate, learning_curve, make_env, train
+
+UPDATE, UPDATES = 64, 6
+CONFIG = Config().with_values(
+    n_steps=UPDATE, n_minibatches=4, n_epochs=2, hidden_width=16, trial_length=0.7, checkpoint_updates=1
+)
+NARROW: Hypothesis = SimpleNamespace(predict=lambda x: (np.abs(np.atleast_2d(x)[:, 0]) < 0.1).astype(int))
+FREE, SUPERVISED = Run(None, 1.5, 3, UPDATES * UPDATE), Run(0.5, 1.5, 3, UPDATES * UPDATE)
+CONDITIONS = pytest.mark.parametrize(("run", "region"), [(FREE, None), (SUPERVISED, NARROW)], ids=["free", "supervised"])
+
+
+def quiet(_: str) -> None:
+    """Reports to nobody."""
+
+
+def products(folder: Path) -> dict[str, Any]:
+    """All that a run has written, but for the time it took; arrays as bytes."""
+    result = json.loads((folder / "run.json").read_text())
+    result.pop("provenance")
+    policy = PPO.load(folder / "policy.zip", device="cpu").policy
+    found: dict[str, Any] = {name: (folder / name).read_bytes() for name in ("trials.csv", "curve.csv")}
+    found |= {name: value.numpy().tobytes() for name, value in policy.state_dict().items()}
+    moments = policy.optimizer.state_dict()["state"].items()
+    found |= {f"{i} {name}": float(v.double().sum()) for i, state in moments for name, v in state.items()}
+    visited = read_arrays(folder / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    return found | {"result": result, "visited": visited.tobytes()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[Run, Path]:
+    """The folders of runs that nothing interrupted and that wrote no checkpoints."""
+    folders = {run: tmp_path_factory.mktemp("whole") for run in (FREE, SUPERVISED)}
+    for run, region in ((FREE, None), (SUPERVISED, NARROW)):
+        train(run, CONFIG, region, folders[run], report=quiet)
+    return folders
+
+
+def interrupt(run: Run, region: Hypothesis | None, folder: Path, saves: int) -> Path:
+    """Train until ``saves`` checkpoints are written, and then a few steps more; returns the checkpoint."""
+    file, written, step = folder / "checkpoint.zip", [0, 0], ThreeLinkCircleEnv.step
+
+    def save(*arguments: Any) -> None:
+        checkpoints.save(*arguments)
+        written[0] += 1
+
+    def stopping_step(*arguments: Any) -> Any:
+        written[1] += written[0] == saves
+        if written[1] == 10:
+            raise KeyboardInterrupt
+        return step(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "save", save)
+        patch.setattr(ThreeLinkCircleEnv, "step", stopping_step)
+        with pytest.raises(KeyboardInterrupt):
+            train(run, CONFIG, region, folder, file, quiet)
+    return file
+
+
+@CONDITIONS
+def test_trained_twice_gives_the_same_numbers(
+    run: Run, region: Hypothesis | None, whole: dict[Run, Path], tmp_path: Path
+) -> None:
+    train(run, CONFIG, region, tmp_path, report=quiet)
+    assert products(tmp_path) == products(whole[run])
+    other = Run(run.alpha, run.delta, run.seed + 1, run.steps)
+    train(other, CONFIG, region, tmp_path, report=quiet)
+    assert products(tmp_path)["visited"] != products(whole[run])["visited"]
+
+
+@CONDITIONS
+@pytest.mark.parametrize("saves", [1, 3])
+def test_interrupted_and_resumed_gives_the_same_numbers(
+    run: Run, region: Hypothesis | None, saves: int, whole: dict[Run, Path], tmp_path: Path
+) -> None:
+    file = interrupt(run, region, tmp_path, saves)
+    with zipfile.ZipFile(file) as stored:
+        assert json.loads(stored.read("rest.json"))["period"] > 0  # in the middle of a trial
+    np.random.seed(99)  # whatever happens in between
+    torch.manual_seed(99)
+    lines: list[str] = []
+    train(run, CONFIG, region, tmp_path, file, lines.append)
+    assert lines[0] == f"going on from step {saves * UPDATE}"
+    assert products(tmp_path) == products(whole[run])
+    assert not file.exists()
+
+
+def test_interrupted_twice_gives_the_same_numbers(whole: dict[Run, Path], tmp_path: Path) -> None:
+    interrupt(FREE, None, tmp_path, 1)
+    file = interrupt(FREE, None, tmp_path, 2)
+    train(FREE, CONFIG, None, tmp_path, file, quiet)
+    assert products(tmp_path) == products(whole[FREE])
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_training import CONFIG, FREE, quiet
+from srlrepro.env import ThreeLinkCircleEnv
+from srlrepro.training import train
+step, steps = ThreeLinkCircleEnv.step, []
+def deadly(*arguments):
+    steps.append(0)
+    if len(steps) == {at}:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return step(*arguments)
+ThreeLinkCircleEnv.step = deadly
+train(FREE, CONFIG, None, Path({folder!r}), Path({folder!r}) / "checkpoint.zip", quiet)
+"""
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_gives_the_same_numbers(whole: dict[Run, Path], tmp_path: Path) -> None:
+    tests = Path(__file__).parent
+    program = KILLED.format(tests=str(tests), folder=str(tmp_path), at=int(3.4 * UPDATE))
+    child = subprocess.run([sys.executable, "-c", program], cwd=tests.parent, check=False, capture_output=True)
+    assert child.returncode == -signal.SIGKILL, child.stderr.decode()
+    assert os.listdir(tmp_path) == ["checkpoint.zip"]
+    train(FREE, CONFIG, None, tmp_path, tmp_path / "checkpoint.zip", quiet)
+    assert products(tmp_path) == products(whole[FREE])
+
+
+def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
+    file = interrupt(FREE, None, tmp_path, 1)
+    other = Run(None, FREE.delta, FREE.seed + 1, FREE.steps)
+    for run, config in ((other, CONFIG), (FREE, CONFIG.with_values(learning_rate=2e-4))):
+        with pytest.raises(ResultError, match=r"checkpoint\.zip is a checkpoint of another run"):
+            train(run, config, None, tmp_path, file, quiet)
+    assert file.exists()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 0.99])
+def test_a_truncated_checkpoint_is_refused(share: float, tmp_path: Path) -> None:
+    file = interrupt(FREE, None, tmp_path, 1)
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ResultError, match=r"checkpoint\.zip is truncated or not a checkpoint"):
+        train(FREE, CONFIG, None, tmp_path, file, quiet)
+
+
+def test_a_foreign_checkpoint_is_refused(tmp_path: Path, whole: dict[Run, Path]) -> None:
+    for name in ("policy.zip", "visited.npz", "trials.csv"):
+        with pytest.raises(ResultError, match="not a checkpoint"):
+            train(FREE, CONFIG, None, tmp_path, whole[FREE] / name, quiet)
+
+
+@pytest.mark.parametrize("where", ["folder", "checkpoint"])
+def test_a_folder_that_cannot_be_written_is_found_out_before_training(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    bad = tmp_path / "file" / "folder"
+
+    def learn(*_: Any, **__: Any) -> None:
+        raise AssertionError("it trains")
+
+    monkeypatch.setattr(PPO, "learn", learn)
+    with pytest.raises(ResultError, match=f"cannot write to {bad}"):
+        train(FREE, CONFIG, None, *((bad, None) if where == "folder" else (tmp_path, bad / "c.zip")), quiet)
+
+
+@CONDITIONS
+def test_counts_and_curves_add_up(run: Run, region: Hypothesis | None, whole: dict[Run, Path]) -> None:
+    folder = whole[run]
+    trials, curve = (pd.read_csv(folder / name) for name in ("trials.csv", "curve.csv"))
+    result = json.loads((folder / "run.json").read_text())
+    counts = result["counts"]
+    assert tuple(trials.columns) == TRIAL_COLUMNS
+    assert counts["trials"] == len(trials) == curve["trials"].sum() > 0
+    assert counts["activations"] == trials["activated"].sum() == curve["activations"].sum()
+    failures = counts["hit_the_ground"] + counts["not_recovered_in_time"]
+    assert counts["activations"] == counts["recovered"] + failures
+    assert counts["trials"] >= counts["activations"] + counts["falls"] + counts["diverged"]
+    assert (curve["failures"].sum(), curve["falls"].sum()) == (failures, counts["falls"])
+    assert (counts["activations"] > 0) == (region is not None)
+    assert counts["falls"] > 0 or region is not None
+    assert result["steps_done"] == run.steps == curve["step"].iloc[-1]
+    assert list(curve["step"]) == [UPDATE * (i + 1) for i in range(UPDATES)]
+    ends = np.cumsum(trials["length"])  # one trial after the other
+    np.testing.assert_array_equal(trials["step"], ends)
+    total = (curve["reward_per_step"] * curve["mean_length"] * curve["trials"]).sum()
+    assert total == pytest.approx(trials["return"].sum())
+    assert result["run"] == {"alpha": run.alpha, "delta": run.delta, "seed": run.seed, "steps": run.steps}
+    assert result["config"] == CONFIG.as_dict()
+
+
+@CONDITIONS
+def test_visited_states_are_those_of_the_trials(
+    run: Run, region: Hypothesis | None, whole: dict[Run, Path], tmp_path: Path
+) -> None:
+    every = read_arrays(whole[run] / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    starts = np.append(0, pd.read_csv(whole[run] / "trials.csv")["step"])
+    assert every.shape == (run.steps, 6)
+    np.testing.assert_array_equal(np.flatnonzero((every == 0).all(axis=1)), starts[starts < run.steps])
+    train(run, CONFIG.with_values(visited_states=run.steps // 5), region, tmp_path, report=quiet)
+    fewer = read_arrays(tmp_path / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    np.testing.assert_array_equal(fewer, every[::5])
+
+
+def test_the_final_trials_are_those_of_the_saved_policy(whole: dict[Run, Path]) -> None:
+    result = json.loads((whole[SUPERVISED] / "run.json").read_text())["final_policy"]
+    policy = PPO.load(whole[SUPERVISED] / "policy.zip", device="cpu")
+    assert result["own condition"] == evaluate(policy, make_env(SUPERVISED, CONFIG, NARROW))
+    assert result["no supervisor"] == evaluate(policy, ThreeLinkCircleEnv(1.5, config=CONFIG))
+
+
+def test_evaluation_is_one_trial() -> None:
+    """Of a policy that does nothing: the target is 2 r |sin(πt / 2)| away."""
+    idle: Any = SimpleNamespace(predict=lambda observation, deterministic: (np.zeros(3), None))
+    env = ThreeLinkCircleEnv(config=CONFIG)
+    t = env.rule.control_period * np.arange(1, env.trial_periods + 1)
+    expected = {"length": env.trial_periods, "outcome": "time limit"}
+    found = evaluate(idle, env)
+    assert found.pop("return") == pytest.approx((2 - 6 * np.sin(np.pi * t / 2)).sum())
+    assert found == expected
+
+
+def test_steps_are_rounded_up_to_whole_updates(tmp_path: Path) -> None:
+    result = train(Run(None, 1.0, 0, UPDATE + 1), CONFIG, None, tmp_path, report=quiet)
+    assert result["steps_done"] == 2 * UPDATE
+
+
+def test_a_run_in_which_no_trial_ends_is_a_run(tmp_path: Path) -> None:
+    config = CONFIG.with_values(trial_length=100.0, log_std_init=-5.0)
+    result = train(Run(None, 1.0, 0, 2), config, None, tmp_path, report=quiet)
+    assert set(result["counts"].values()) == {0}
+    assert pd.read_csv(tmp_path / "curve.csv")["trials"].sum() == 0
+
+
+def test_progress_is_reported_where_no_bar_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bar: Callable[..., Any] = training.tqdm
+    monkeypatch.setattr(training, "tqdm", lambda **values: bar(**{**values, "disable": True}))
+    lines: list[str] = []
+    train(FREE, CONFIG, None, tmp_path, report=lines.append)
+    assert len(lines) == UPDATES
+    assert lines[-1].startswith(f"step {FREE.steps} of {FREE.steps}, about 0.0 min left")
+
+
+def test_a_learned_region_supervises_a_training(small: Learned, tmp_path: Path) -> None:
+    config = CONFIG.with_values(trial_length=4.0)
+    counts = train(SUPERVISED, config, small[1], tmp_path, report=quiet)["counts"]
+    assert counts["activations"] > 0
+    env = make_env(SUPERVISED, config, small[1])
+    assert isinstance(env, Supervisor)
+    assert (env.region, env.task.pendulum.delta) == (small[1], 1.5)
+
+
+def table(rows: list[tuple[Any, ...]]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+
+
+TRIALS = table(
+    [
+        (4, 4, 8.0, "supervised", True, "recovered", 0.5),
+        (10, 6, 3.0, "hit the ground", False, "", 0.0),
+        (11, 1, 1.0, "supervised", True, "hit the ground", 0.1),
+        (31, 20, 9.0, "supervised", True, "not recovered in time", 5.0),
+        (40, 9, 6.0, "time limit", False, "", 0.0),
+        (41, 1, -9.0, "diverged", False, "", 0.0),
+    ]
+)
+
+
+def test_the_learning_curve_of_a_small_table() -> None:
+    curve = learning_curve(TRIALS, 10, 5)
+    assert list(curve["step"]) == [10, 20, 30, 40, 50]
+    assert list(curve["trials"]) == [2, 1, 0, 2, 1]
+    np.testing.assert_array_equal(curve["mean_return"], [5.5, 1.0, np.nan, 7.5, -9.0])
+    np.testing.assert_array_equal(curve["mean_length"], [5.0, 1.0, np.nan, 14.5, 1.0])
+    np.testing.assert_allclose(curve["reward_per_step"], [1.1, 1.0, np.nan, 15 / 29, -9.0])
+    assert list(curve["activations"]) == [1, 1, 0, 1, 0]
+    assert list(curve["failures"]) == [0, 1, 0, 1, 0]
+    assert list(curve["falls"]) == [1, 0, 0, 0, 0]
+
+
+def test_the_counts_of_a_small_table() -> None:
+    expected = {"trials": 6, "activations": 3, "recovered": 1, "hit_the_ground": 1, "not_recovered_in_time": 1}
+    assert count(TRIALS) == {**expected, "falls": 1, "diverged": 1}
+    assert set(count(TRIALS[:0]).values()) == {0}
+
+
+def test_the_parameters_of_appendix_c_reach_the_learner() -> None:
+    config = Config()
+    model = training.make_learner(ThreeLinkCircleEnv(config=config), config, seed=5)
+    assert (model.n_steps, model.batch_size, model.n_epochs) == (2048, 2048 // 128, 10)
+    assert (model.learning_rate, model.gamma, model.gae_lambda) == (1e-4, 0.99, 0.95)
+    assert (model.vf_coef, model.max_grad_norm, model.ent_coef) == (1.0, 10.0, 0.0)
+    assert (model.seed, model.device.type) == (5, "cpu")
+    assert model.clip_range(1.0) == model.clip_range(0.0) == config.choices.clip_range
+    policy = model.policy
+    for network in (policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net):
+        layers = [m for m in network if isinstance(m, torch.nn.Linear)]
+        assert [(m.in_features, m.out_features) for m in layers] == [(8, 128), (128, 128)]
+    assert (policy.action_net.out_features, policy.value_net.out_features) == (3, 1)
+    assert (policy.log_std == config.choices.log_std_init).all()
+    assert isinstance(policy.optimizer, torch.optim.Adam)
+    assert (policy.optimizer.defaults["eps"], policy.optimizer.defaults["lr"]) == (1e-5, 1e-4)
+
+
+def test_every_update_takes_its_epochs_of_minibatches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, adam = [], torch.optim.Adam.step
+
+    def counted(self: Any, *arguments: Any) -> Any:
+        steps.append(self)
+        return adam(self, *arguments)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", counted)
+    train(Run(None, 1.0, 0, 2 * UPDATE), CONFIG, None, tmp_path, report=quiet)
+    assert len(steps) == 2 * CONFIG.paper.n_epochs * CONFIG.paper.n_minibatches
+
+
+def test_a_region_comes_with_alpha_and_only_then(tmp_path: Path) -> None:
+    for run, region in ((SUPERVISED, None), (FREE, NARROW)):
+        with pytest.raises(ValueError, match="region = "):
+            train(run, CONFIG, region, tmp_path, report=quiet)
+
+
+def test_a_region_that_denies_the_origin_stops_the_training(tmp_path: Path) -> None:
+    nothing: Hypothesis = SimpleNamespace(predict=lambda x: np.zeros(1))
+    with pytest.raises(ValueError, match="region: predicts the start of the trial as unsafe"):
+        train(SUPERVISED, CONFIG, nothing, tmp_path, report=quiet)
+
+
+BAD = [("alpha", -0.1), ("alpha", 1.1), ("alpha", np.nan), ("delta", 0.0), ("delta", np.nan), ("delta", np.inf)]
+BAD += [("seed", -1), ("seed", 0.5), ("steps", 0), ("steps", 1e6)]
+
+
+@pytest.mark.parametrize(("name", "value"), BAD)
+def test_bad_runs_are_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=f"{name} = {value}"):
+        Run(**{**dict(alpha=None, delta=1.0, seed=0, steps=10), name: value})
