@@ -21,7 +21,7 @@ def modules(*names):
 PHYSICS = modules("pendulum", "lqg", "labels")
 DATA = [*PHYSICS, *modules("sampling")]
 REGION = [*DATA, *modules("embedding", "safe_region")]
-LEARNING = [*REGION, *modules("env", "supervisor", "checkpoint", "training", "evaluation")]
+LEARNING = [*REGION, *modules("env", "supervisor", "checkpoint", "recording", "training", "evaluation")]
 
 
 def region_of(wildcards):

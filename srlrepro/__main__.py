@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from srlrepro.config import Choices, Config, Paper, ParameterError, parse_settings
-from srlrepro.reproduce import Parser
+from srlrepro.plan import Parser
 
 
 def _alpha(text: str) -> float | None:

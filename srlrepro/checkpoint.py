@@ -30,7 +30,7 @@ class Progress:
 
     Attributes:
         trials: one dictionary per ended trial.
-        visited: arrays [n, 6] of visited states, rad and rad/s.
+        visited: visited states, each [6] in rad and rad/s.
         seconds: time that the training has taken, over all its sittings.
     """
 
@@ -60,7 +60,7 @@ def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[st
         torch_rng=torch.get_rng_state().numpy(),
         numpy_keys=keys,
         state=task.state,
-        visited=np.concatenate(progress.visited or [np.empty((0, 6), np.float32)]),
+        visited=np.array(progress.visited, np.float32).reshape(-1, 6),
     )
     rest = {
         "identity": identity,
@@ -102,4 +102,4 @@ def restore(path: Path, fresh: PPO, identity: dict[str, Any]) -> tuple[PPO, Prog
     name, position, has_gauss, cached = rest["numpy_rng"]
     np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
     torch.set_rng_state(torch.from_numpy(arrays["torch_rng"]))
-    return model, Progress(rest["trials"], [arrays["visited"]], rest["seconds"])
+    return model, Progress(rest["trials"], list(arrays["visited"]), rest["seconds"])

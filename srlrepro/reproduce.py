@@ -19,139 +19,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from srlrepro.config import Config, ParameterError, check, parse_settings
+from srlrepro.config import ParameterError
+from srlrepro.plan import make_parser, plan
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
-ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 DONE = re.compile(r"^(\d+) of (\d+) steps \(")
 REPORT_EVERY = 30.0  # s between two progress lines where there is no terminal
-
-
-class Parser(argparse.ArgumentParser):
-    """Refuses a wrong command line with one line and exit status 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message and leave."""
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The command line of ``reproduce.sh``."""
-    parser = Parser(
-        prog="reproduce.sh",
-        allow_abbrev=False,
-        description="Regenerate every figure of the paper. What is up to date is not run again.",
-        epilog="./reproduce.sh test [PYTEST OPTIONS] runs the tests instead.",
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="the same grid with few training steps (minutes, not hours)"
-    )
-    parser.add_argument(
-        "--alphas",
-        nargs="+",
-        default=ALPHAS,
-        metavar="A",
-        help="shares of UD in [0, 1], or none for no supervisor (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--deltas",
-        nargs="+",
-        type=float,
-        default=DELTAS,
-        metavar="D",
-        help="mass mismatches Δ > 0 (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seeds", type=int, default=SEEDS, metavar="N", help="number of seeds (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--steps",
-        type=int,
-        metavar="N",
-        help="training steps of a run (default: total_steps, or quick_steps with --quick)",
-    )
-    parser.add_argument(
-        "--set",
-        dest="settings",
-        nargs="+",
-        default=[],
-        metavar="NAME=VALUE",
-        help="vary any parameter; python -m srlrepro choices lists them",
-    )
-    parser.add_argument(
-        "--name",
-        help="folder name of the results (default: full or quick; custom if anything is varied)",
-    )
-    parser.add_argument(
-        "--cores",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="jobs at a time (default: all cores, %(default)s)",
-    )
-    parser.add_argument("--dry-run", action="store_true", help="say what would be run, and run nothing")
-    return parser
-
-
-def plan(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The workflow's configuration for a command line.
-
-    Raises:
-        ParameterError: a value that is not allowed.
-    """
-    alphas = []
-    for text in arguments.alphas:
-        try:
-            value = None if text == "none" else float(text)
-        except ValueError:
-            value = -1.0
-        check(value is None or 0 <= value <= 1, "--alphas", text, "numbers in [0, 1], or none")
-        alphas.append("none" if value is None else f"{value:g}")
-    for delta in arguments.deltas:
-        check(0 < delta < float("inf"), "--deltas", delta, "finite numbers > 0")
-    deltas = [float(f"{delta:g}") for delta in arguments.deltas]
-    for name, values in (("--alphas", alphas), ("--deltas", deltas)):
-        check(len(set(values)) == len(values), name, " ".join(map(str, values)), "different from each other")
-    check(
-        alphas != ["none"],
-        "--alphas",
-        "none",
-        "joined by at least one number, for the figures of the regions",
-    )
-    check(arguments.seeds >= 1, "--seeds", arguments.seeds, "a whole number in [1, inf)")
-    check(arguments.cores >= 1, "--cores", arguments.cores, "a whole number in [1, inf)")
-    config = Config().with_values(**(settings := parse_settings(arguments.settings)))
-    usual = config.choices.quick_steps if arguments.quick else config.choices.total_steps
-    steps = usual if arguments.steps is None else arguments.steps
-    check(steps >= 1, "--steps", steps, "a whole number in [1, inf)")
-    default = (alphas, deltas, arguments.seeds, steps, settings) == (ALPHAS, DELTAS, SEEDS, usual, {})
-    name = arguments.name or (("quick" if arguments.quick else "full") if default else "custom")
-    check(
-        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
-        "--name",
-        name,
-        "letters, digits, '_', '-' and '.'",
-    )
-    check(
-        default or name not in ("full", "quick"),
-        "--name",
-        name,
-        "another name if the grid or a parameter is varied",
-    )
-    full = config.choices.total_steps
-    note = f"reduced: {steps} of {full} training steps" if steps < full else ""
-    return {
-        "name": name,
-        "alphas": alphas,
-        "deltas": deltas,
-        "seeds": list(range(arguments.seeds)),
-        "steps": steps,
-        "settings": settings,
-        "values": config.as_dict(),
-        "note": note,
-    }
 
 
 def set_up(test: bool) -> None:

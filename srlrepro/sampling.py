@@ -35,8 +35,8 @@ class MultivariateNormal:
         return cls(x.mean(axis=0), np.cov(x, rowvar=False))
 
     def sample(self, n: int, rng: Generator) -> Floats:
-        """n states [n, 6]."""
-        return rng.multivariate_normal(self.mean, self.covariance, size=n)
+        """n states [n, 6]; by Cholesky, whose factor has no free signs: every machine draws the same."""
+        return rng.multivariate_normal(self.mean, self.covariance, size=n, method="cholesky")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,12 +4,12 @@ The products of a run, in one folder:
 
 - ``trials.csv``: one row per trial (`TRIAL_COLUMNS`);
 - ``curve.csv``: the learning curve, one row per update (`learning_curve`);
-- ``visited.npz``: states x [N, 6] that the learner visited, a sample of the distribution 𝒟 of Sec. III;
+- ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
+  the distribution 𝒟 of Sec. III;
 - ``policy.zip``: the final policy, an archive of stable-baselines3 (the one kind of file with pickles);
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,20 +21,18 @@ import pandas as pd
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
-from tqdm import tqdm
 
-from srlrepro.checkpoint import Progress, restore, save
+from srlrepro.checkpoint import Progress, restore
 from srlrepro.config import Config, check, condition
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import beside, require_writable, write_arrays, write_json, write_table
-from srlrepro.labels import HIT_GROUND, OUTCOMES, ClosedLoop
+from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import provenance
+from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, learning_curve
 from srlrepro.supervisor import Hypothesis, Supervisor
 
 VISITED_FORMAT = "srlrepro-visited-1"
-TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
 
 
 @dataclass(frozen=True)
@@ -101,113 +99,6 @@ def make_learner(env: gym.Env[Any, Any], config: Config, seed: int) -> PPO:
     )
 
 
-class Recorder(BaseCallback):
-    """Collects the trials and visited states of a training, shows progress and writes checkpoints.
-
-    Args:
-        progress: what has been collected so far; grows in place.
-        steps: total training steps.
-        stride: every how many steps a state is kept.
-        state_max: [6] half ranges that undo the scaling of the observations.
-        checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
-        report: receives sparse lines when no terminal shows the bar.
-    """
-
-    def __init__(
-        self,
-        progress: Progress,
-        steps: int,
-        stride: int,
-        state_max: tuple[float, ...],
-        checkpoint: tuple[Path, int, dict[str, Any]] | None,
-        report: Callable[[str], None],
-    ) -> None:
-        super().__init__()
-        self.progress, self.steps, self.stride = progress, steps, stride
-        self.scale = np.array(state_max, dtype=np.float32)
-        self.checkpoint, self.report = checkpoint, report
-        self.started = time.perf_counter() - progress.seconds
-        self.updates = 0
-
-    def _on_training_start(self) -> None:
-        self.first = self.num_timesteps
-        self.bar = tqdm(total=self.steps, initial=self.first, unit="step", disable=None, desc="training")
-
-    def _on_rollout_start(self) -> None:
-        self.progress.seconds = time.perf_counter() - self.started
-        if self.checkpoint is not None and self.updates and self.updates % self.checkpoint[1] == 0:
-            save(self.checkpoint[0], self.model, self.progress, self.checkpoint[2])
-        self.updates += 1
-
-    def _on_step(self) -> bool:
-        for info in self.locals["infos"]:
-            if "episode" in info:
-                self.progress.trials.append(
-                    {
-                        "step": self.num_timesteps,
-                        "length": info["episode"]["l"],
-                        "return": info["episode"]["r"],
-                        "outcome": info["outcome"],
-                        "activated": info.get("activated", False),
-                        "recovery": info.get("recovery", ""),
-                        "recovery_time": info.get("recovery_time", 0.0),
-                    }
-                )
-        return True
-
-    def _on_rollout_end(self) -> None:
-        assert isinstance(self.model, PPO)
-        observed = self.model.rollout_buffer.observations[:, 0, :6]
-        first = self.num_timesteps - len(observed)
-        kept = observed[(-first) % self.stride :: self.stride]
-        self.progress.visited.append(kept * self.scale)
-        self.bar.update(len(observed))
-        tenth = max(1, self.steps // 10)
-        if self.bar.disable and self.num_timesteps // tenth > first // tenth:
-            elapsed = time.perf_counter() - self.started
-            left = elapsed * (self.steps - self.num_timesteps) / self.num_timesteps
-            self.report(f"step {self.num_timesteps} of {self.steps}, about {max(left, 0) / 60:.1f} min left")
-
-    def _on_training_end(self) -> None:
-        self.bar.close()
-        self.progress.seconds = time.perf_counter() - self.started
-
-
-def learning_curve(trials: pd.DataFrame, n_steps: int, updates: int) -> pd.DataFrame:
-    """One row per update of n_steps steps, over the trials that ended in it.
-
-    Columns: ``step`` (at its end), ``trials``, ``mean_return`` (empty if no trial ended), ``mean_length``
-    (control periods), ``reward_per_step``, ``activations``, ``failures`` (of K), ``falls`` (of π).
-    """
-    update = (trials["step"] - 1) // n_steps
-    grouped = trials.assign(
-        failure=trials["activated"] & (trials["recovery"] != "recovered"),
-        fall=trials["outcome"] == OUTCOMES[HIT_GROUND],
-    ).groupby(update)
-    every = pd.RangeIndex(updates)
-    curve = pd.DataFrame({"step": (every + 1) * n_steps}, index=every)
-    curve["trials"] = grouped.size().reindex(every, fill_value=0)
-    curve["mean_return"] = grouped["return"].mean()
-    curve["mean_length"] = grouped["length"].mean()
-    curve["reward_per_step"] = grouped["return"].sum() / grouped["length"].sum()
-    for name, column in (("activations", "activated"), ("failures", "failure"), ("falls", "fall")):
-        curve[name] = grouped[column].sum().reindex(every, fill_value=0).astype(int)
-    return curve
-
-
-def count(trials: pd.DataFrame) -> dict[str, int]:
-    """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
-    did not prevent: falls of π, and trials given up by the rate bound."""
-    active = trials[trials["activated"]]
-    counts = {"trials": len(trials), "activations": len(active)}
-    counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
-    outcomes = trials["outcome"]
-    return counts | {
-        "falls": int((outcomes == "hit the ground").sum()),
-        "diverged": int((outcomes == "diverged").sum()),
-    }
-
-
 def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
     """One trial with the policy's mean action; task and policy are deterministic, so one says it all."""
     observation, info = env.reset()
@@ -240,8 +131,9 @@ def train(
     """
     torch.set_num_threads(1)
     folder, choices = Path(folder), config.choices
-    require_writable(folder)
     env = make_env(run, config, region)
+    env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
+    require_writable(folder)
     model, progress = make_learner(env, config, run.seed), Progress()
     identity = {"run": asdict(run), "config": config.as_dict()}
     if checkpoint is not None and checkpoint.exists():
@@ -275,7 +167,7 @@ def train(
     }
     write_table(folder / "trials.csv", trials)
     write_table(folder / "curve.csv", learning_curve(trials, config.paper.n_steps, updates))
-    write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.concatenate(progress.visited))
+    write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     with beside(folder / "policy.zip") as temporary:
         model.save(temporary)
     write_json(folder / "run.json", result)

@@ -1,7 +1,9 @@
-"""What the tests share. Every number is drawn from a seed or follows from a formula; none is read from a file."""
+"""What the tests share. Every number is drawn from a seed or follows from a formula."""
 
 import os
 from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -13,6 +15,9 @@ from srlrepro.config import Config
 from srlrepro.pendulum import Floats
 from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import TrainingData, generate
+
+if TYPE_CHECKING:  # it takes seconds to import, and only the tests of training need it
+    from srlrepro.training import Run
 
 Learned = tuple[TrainingData, SafeRegion]
 
@@ -27,6 +32,13 @@ def draw() -> Callable[..., Floats]:
     """draw(n, seed): n states, uniform over the state space of the paper."""
     high = np.array(Config().paper.state_max)
     return lambda n, seed=0: np.random.default_rng(seed).uniform(-high, high, (n, 6))
+
+
+@pytest.fixture
+def example(draw: Callable[..., Floats]) -> tuple[Floats, Floats, Floats]:
+    """States [30, 6], labels and simplified states [30, 2], unrelated to each other."""
+    rng = np.random.default_rng(4)
+    return draw(30, 8), rng.integers(0, 2, 30), rng.normal(size=(30, 2))
 
 
 @pytest.fixture(scope="session")
@@ -46,3 +58,16 @@ def full() -> dict[float, Learned]:
     """The regions of the replication, for every α of the paper."""
     sets = {alpha: generate(alpha, Config(), seed=0) for alpha in (0.0, 0.5, 1.0)}
     return {alpha: (data, learn(data, Config())) for alpha, data in sets.items()}
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> "dict[Run, Path]":
+    """The folders of small runs that nothing interrupted and that wrote no checkpoints."""
+    from runs import CONFIG, PAIRS, quiet
+
+    from srlrepro.training import train
+
+    folders = {run: tmp_path_factory.mktemp("whole") for run, _ in PAIRS}
+    for run, region in PAIRS:
+        train(run, CONFIG, region, folders[run], report=quiet)
+    return folders

@@ -1,4 +1,4 @@
-"""Ω, t-SNE and Ψ: definitions written out, scikit-learn's regressor as a second method, and separation in the plane."""
+"""Ω, t-SNE and Ψ: definitions written out, scikit-learn's regressor, and separation in the plane."""
 
 from collections.abc import Callable
 

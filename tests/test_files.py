@@ -1,4 +1,4 @@
-"""Files: what is written comes back, a write is whole or absent, and whatever is damaged or foreign is refused."""
+"""Files: what is written comes back, a write is whole or absent, what is damaged or foreign is refused."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def test_writing_replaces_the_file_and_makes_the_folder(tmp_path: Path) -> None:
     for value in (1, 2):
         write_json(path, value)
         assert read_json(path) == value
-    assert os.listdir(path.parent) == ["a.json"]
+    assert list(path.parent.iterdir()) == [path]
     mask = os.umask(0)
     os.umask(mask)
     assert path.stat().st_mode & 0o777 == 0o666 & ~mask

@@ -1,4 +1,4 @@
-"""Labels: states with known answers, symmetry, a second implementation of the closed loop, and extreme states."""
+"""Labels: states with known answers, symmetry, a second implementation, and extreme states."""
 
 import time
 import warnings
@@ -47,7 +47,8 @@ def test_states_with_known_answers(delta: float) -> None:
         (1.2, 1.5, 0, 10, 20, 20): (HIT_GROUND, "later"),
     }
     found = loop(delta).rollout(list(known))
-    for outcome, seconds, (expected, when) in zip(found.outcomes, found.durations, known.values(), strict=True):
+    answers = zip(found.outcomes, found.durations, known.values(), strict=True)
+    for outcome, seconds, (expected, when) in answers:
         assert outcome == expected
         assert seconds == 0 if when == "at once" else seconds > 0
     np.testing.assert_array_equal(found.labels, [outcome == RECOVERED for outcome, _ in known.values()])
@@ -165,18 +166,34 @@ def test_a_recovery_that_takes_too_long_is_none() -> None:
     seconds = closed.rollout(state).durations[0]
     period = closed.rule.control_period
     assert seconds > 5 * period
-    for horizon, outcome in ((seconds, RECOVERED), (seconds - period, NOT_RECOVERED), (period, NOT_RECOVERED)):
+    answers = {seconds: RECOVERED, seconds - period: NOT_RECOVERED, period: NOT_RECOVERED}
+    for horizon, outcome in answers.items():
         found = loop(horizon=horizon).rollout(state)
         assert found.outcomes[0] == outcome
         assert found.durations[0] == pytest.approx(horizon)
 
 
 def test_a_configuration_reaches_every_part() -> None:
-    values = dict(link_mass=1.2, link_length=0.9, torque_limit=80.0, theta1_max=1.4, gravity=9.0)
-    values |= dict(control_period=0.02, substeps=5, recovery_horizon=3.0, recovered_angle=0.2, recovered_rate=0.4)
-    values |= dict(rate_bound=200.0, lqr_angle_weight=90.0, lqr_rate_weight=2.0, lqr_torque_weight=0.02)
-    values |= dict(torque_noise=9.0, angle_noise=0.002, rate_noise=0.03)
-    closed = ClosedLoop.from_config(Config().with_values(**values), 1.5)
+    config = Config().with_values(
+        link_mass=1.2,
+        link_length=0.9,
+        gravity=9.0,
+        control_period=0.02,
+        lqr_angle_weight=90.0,
+        lqr_rate_weight=2.0,
+        lqr_torque_weight=0.02,
+        torque_noise=9.0,
+        angle_noise=0.002,
+        rate_noise=0.03,
+        torque_limit=80.0,
+        substeps=5,
+        recovery_horizon=3.0,
+        theta1_max=1.4,
+        recovered_angle=0.2,
+        recovered_rate=0.4,
+        rate_bound=200.0,
+    )
+    closed = ClosedLoop.from_config(config, 1.5)
     nominal = ThreeLinkPendulum(1.0, 1.2, 0.9, 9.0)
     assert closed.system == replace(nominal, delta=1.5)
     assert closed.controller == LQG(nominal, 0.02, 90.0, 2.0, 0.02, 9.0, 0.002, 0.03, 80.0)
@@ -195,8 +212,9 @@ def test_bad_states_are_refused(bad: Floats) -> None:
 def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
     closed = loop(horizon=0.3)
     coefficients, gains, limits, periods = closed.kernel_arguments
-    special = [[0] * 6, [pi / 2, 0, 0, 0, 0, 0], [1.56, 0, 0, 5, 0, 0], [0, 0, 0, 0, 0, 1e4], [0.12, 0, 0, 0, 0, 0]]
-    states = np.concatenate([np.array(special, float), 0.5 * draw(3)])
+    on_the_ground, falling, fast = [pi / 2, 0, 0, 0, 0, 0], [1.56, 0, 0, 5, 0, 0], [0, 0, 0, 0, 0, 1e4]
+    near = [0.12, 0, 0, 0, 0, 0]
+    states = np.concatenate([[[0] * 6, on_the_ground, falling, fast, near], 0.5 * draw(3)])
     for rows in (0, periods + 1):
         paths = [np.empty((len(states), rows, 6)) for _ in range(2)]
         outcomes, durations = np.empty((2, len(states)), np.int64), np.empty((2, len(states)))

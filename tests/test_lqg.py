@@ -1,4 +1,4 @@
-"""K against second solutions of its Riccati equations, the matrix exponential and the separation principle."""
+"""K against its Riccati equations solved otherwise, the matrix exponential and the separation principle."""
 
 from collections.abc import Callable
 
@@ -49,7 +49,7 @@ def test_filter_gain_is_the_limit_of_the_kalman_filter(k: LQG) -> None:
 
 @pytest.mark.parametrize("k", CONTROLLERS, ids=str)
 def test_gains_satisfy_both_riccati_equations(k: LQG) -> None:
-    """P and S belong to the gains by Lyapunov equations; put into the Riccati equations they leave nothing."""
+    """P and S belong to the gains by Lyapunov equations; the Riccati equations then leave no residual."""
     (a, b), (q, r), (w, v) = k.model, k.weights, k.noise
     regulated, blind = a - b @ k.gain, np.eye(6) - k.filter_gain
     p = solve_discrete_lyapunov(regulated.T, q + k.gain.T @ r @ k.gain)

@@ -1,4 +1,4 @@
-"""Training data: distributions by statistical tests (fixed seeds), the exact αk split, and the set-up's conditions."""
+"""Training data: statistical tests of the distributions, the exact αk split, the set-up's conditions."""
 
 import itertools
 from fractions import Fraction

@@ -43,7 +43,9 @@ def random_policy(seed: int) -> Callable[[], Floats]:
     return lambda: rng.uniform(-1, 1, 3).astype(np.float32)
 
 
-def trial(env: Supervisor, policy: Callable[[], Floats] = lambda: IDLE, start: Any = None) -> list[tuple[Any, ...]]:
+def trial(
+    env: Supervisor, policy: Callable[[], Floats] = lambda: IDLE, start: Any = None
+) -> list[tuple[Any, ...]]:
     """The steps of a trial."""
     env.reset(options=None if start is None else {"state": start})
     steps = [env.step(policy())]
@@ -94,7 +96,9 @@ def test_the_hypothesis_reads_every_state_once() -> None:
     ],
 )
 @pytest.mark.parametrize("early_stop", ["terminate", "truncate"])
-def test_k_recovers_or_fails_and_the_trial_ends(start: Any, values: dict[str, Any], outcome: str, early_stop: str) -> None:
+def test_k_recovers_or_fails_and_the_trial_ends(
+    start: Any, values: dict[str, Any], outcome: str, early_stop: str
+) -> None:
     env = supervise(unsafe_at(1), early_stop=early_stop, **values)
     (step,) = trial(env, start=start)
     assert step[2:4] == ((True, False) if early_stop == "terminate" else (False, True))

@@ -1,11 +1,6 @@
-"""Training: the parameters of App. C, determinism, interruption and kill, refused checkpoints, counts that add up."""
+"""Training: the parameters of App. C, determinism, counts that add up, and runs that are refused."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,71 +11,24 @@ import pandas as pd
 import pytest
 import torch
 from conftest import Learned
+from runs import CONDITIONS, CONFIG, FREE, NARROW, SUPERVISED, UPDATE, UPDATES, products, quiet
 from stable_baselines3 import PPO
 
-from srlrepro import checkpoint as checkpoints
 from srlrepro import training
 from srlrepro.config import Config
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import ResultError, read_arrays
 from srlrepro.supervisor import Hypothesis, Supervisor
-from srlrepro.training import TRIAL_COLUMNS, VISITED_FORMAT, Run, count, evaluate, learning_curve, make_env, train
-
-UPDATE, UPDATES = 64, 6
-CONFIG = Config().with_values(
-    n_steps=UPDATE, n_minibatches=4, n_epochs=2, hidden_width=16, trial_length=0.7, checkpoint_updates=1
+from srlrepro.training import (
+    TRIAL_COLUMNS,
+    VISITED_FORMAT,
+    Run,
+    count,
+    evaluate,
+    learning_curve,
+    make_env,
+    train,
 )
-NARROW: Hypothesis = SimpleNamespace(predict=lambda x: (np.abs(np.atleast_2d(x)[:, 0]) < 0.1).astype(int))
-FREE, SUPERVISED = Run(None, 1.5, 3, UPDATES * UPDATE), Run(0.5, 1.5, 3, UPDATES * UPDATE)
-CONDITIONS = pytest.mark.parametrize(("run", "region"), [(FREE, None), (SUPERVISED, NARROW)], ids=["free", "supervised"])
-
-
-def quiet(_: str) -> None:
-    """Reports to nobody."""
-
-
-def products(folder: Path) -> dict[str, Any]:
-    """All that a run has written, but for the time it took; arrays as bytes."""
-    result = json.loads((folder / "run.json").read_text())
-    result.pop("provenance")
-    policy = PPO.load(folder / "policy.zip", device="cpu").policy
-    found: dict[str, Any] = {name: (folder / name).read_bytes() for name in ("trials.csv", "curve.csv")}
-    found |= {name: value.numpy().tobytes() for name, value in policy.state_dict().items()}
-    moments = policy.optimizer.state_dict()["state"].items()
-    found |= {f"{i} {name}": float(v.double().sum()) for i, state in moments for name, v in state.items()}
-    visited = read_arrays(folder / "visited.npz", VISITED_FORMAT, ("x",))["x"]
-    return found | {"result": result, "visited": visited.tobytes()}
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[Run, Path]:
-    """The folders of runs that nothing interrupted and that wrote no checkpoints."""
-    folders = {run: tmp_path_factory.mktemp("whole") for run in (FREE, SUPERVISED)}
-    for run, region in ((FREE, None), (SUPERVISED, NARROW)):
-        train(run, CONFIG, region, folders[run], report=quiet)
-    return folders
-
-
-def interrupt(run: Run, region: Hypothesis | None, folder: Path, saves: int) -> Path:
-    """Train until ``saves`` checkpoints are written, and then a few steps more; returns the checkpoint."""
-    file, written, step = folder / "checkpoint.zip", [0, 0], ThreeLinkCircleEnv.step
-
-    def save(*arguments: Any) -> None:
-        checkpoints.save(*arguments)
-        written[0] += 1
-
-    def stopping_step(*arguments: Any) -> Any:
-        written[1] += written[0] == saves
-        if written[1] == 10:
-            raise KeyboardInterrupt
-        return step(*arguments)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "save", save)
-        patch.setattr(ThreeLinkCircleEnv, "step", stopping_step)
-        with pytest.raises(KeyboardInterrupt):
-            train(run, CONFIG, region, folder, file, quiet)
-    return file
 
 
 @CONDITIONS
@@ -92,83 +40,6 @@ def test_trained_twice_gives_the_same_numbers(
     other = Run(run.alpha, run.delta, run.seed + 1, run.steps)
     train(other, CONFIG, region, tmp_path, report=quiet)
     assert products(tmp_path)["visited"] != products(whole[run])["visited"]
-
-
-@CONDITIONS
-@pytest.mark.parametrize("saves", [1, 3])
-def test_interrupted_and_resumed_gives_the_same_numbers(
-    run: Run, region: Hypothesis | None, saves: int, whole: dict[Run, Path], tmp_path: Path
-) -> None:
-    file = interrupt(run, region, tmp_path, saves)
-    with zipfile.ZipFile(file) as stored:
-        assert json.loads(stored.read("rest.json"))["period"] > 0  # in the middle of a trial
-    np.random.seed(99)  # whatever happens in between
-    torch.manual_seed(99)
-    lines: list[str] = []
-    train(run, CONFIG, region, tmp_path, file, lines.append)
-    assert lines[0] == f"going on from step {saves * UPDATE}"
-    assert products(tmp_path) == products(whole[run])
-    assert not file.exists()
-
-
-def test_interrupted_twice_gives_the_same_numbers(whole: dict[Run, Path], tmp_path: Path) -> None:
-    interrupt(FREE, None, tmp_path, 1)
-    file = interrupt(FREE, None, tmp_path, 2)
-    train(FREE, CONFIG, None, tmp_path, file, quiet)
-    assert products(tmp_path) == products(whole[FREE])
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-sys.path.insert(0, {tests!r})
-from test_training import CONFIG, FREE, quiet
-from srlrepro.env import ThreeLinkCircleEnv
-from srlrepro.training import train
-step, steps = ThreeLinkCircleEnv.step, []
-def deadly(*arguments):
-    steps.append(0)
-    if len(steps) == {at}:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return step(*arguments)
-ThreeLinkCircleEnv.step = deadly
-train(FREE, CONFIG, None, Path({folder!r}), Path({folder!r}) / "checkpoint.zip", quiet)
-"""
-
-
-@pytest.mark.slow
-def test_killed_and_resumed_gives_the_same_numbers(whole: dict[Run, Path], tmp_path: Path) -> None:
-    tests = Path(__file__).parent
-    program = KILLED.format(tests=str(tests), folder=str(tmp_path), at=int(3.4 * UPDATE))
-    child = subprocess.run([sys.executable, "-c", program], cwd=tests.parent, check=False, capture_output=True)
-    assert child.returncode == -signal.SIGKILL, child.stderr.decode()
-    assert os.listdir(tmp_path) == ["checkpoint.zip"]
-    train(FREE, CONFIG, None, tmp_path, tmp_path / "checkpoint.zip", quiet)
-    assert products(tmp_path) == products(whole[FREE])
-
-
-def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
-    file = interrupt(FREE, None, tmp_path, 1)
-    other = Run(None, FREE.delta, FREE.seed + 1, FREE.steps)
-    for run, config in ((other, CONFIG), (FREE, CONFIG.with_values(learning_rate=2e-4))):
-        with pytest.raises(ResultError, match=r"checkpoint\.zip is a checkpoint of another run"):
-            train(run, config, None, tmp_path, file, quiet)
-    assert file.exists()
-
-
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 0.99])
-def test_a_truncated_checkpoint_is_refused(share: float, tmp_path: Path) -> None:
-    file = interrupt(FREE, None, tmp_path, 1)
-    content = file.read_bytes()
-    file.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(ResultError, match=r"checkpoint\.zip is truncated or not a checkpoint"):
-        train(FREE, CONFIG, None, tmp_path, file, quiet)
-
-
-def test_a_foreign_checkpoint_is_refused(tmp_path: Path, whole: dict[Run, Path]) -> None:
-    for name in ("policy.zip", "visited.npz", "trials.csv"):
-        with pytest.raises(ResultError, match="not a checkpoint"):
-            train(FREE, CONFIG, None, tmp_path, whole[FREE] / name, quiet)
 
 
 @pytest.mark.parametrize("where", ["folder", "checkpoint"])
@@ -301,8 +172,8 @@ def test_the_learning_curve_of_a_small_table() -> None:
 
 
 def test_the_counts_of_a_small_table() -> None:
-    expected = {"trials": 6, "activations": 3, "recovered": 1, "hit_the_ground": 1, "not_recovered_in_time": 1}
-    assert count(TRIALS) == {**expected, "falls": 1, "diverged": 1}
+    by_k = {"activations": 3, "recovered": 1, "hit_the_ground": 1, "not_recovered_in_time": 1}
+    assert count(TRIALS) == {"trials": 6, **by_k, "falls": 1, "diverged": 1}
     assert set(count(TRIALS[:0]).values()) == {0}
 
 
@@ -324,7 +195,9 @@ def test_the_parameters_of_appendix_c_reach_the_learner() -> None:
     assert (policy.optimizer.defaults["eps"], policy.optimizer.defaults["lr"]) == (1e-5, 1e-4)
 
 
-def test_every_update_takes_its_epochs_of_minibatches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_update_takes_its_epochs_of_minibatches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps, adam = [], torch.optim.Adam.step
 
     def counted(self: Any, *arguments: Any) -> Any:
@@ -348,11 +221,12 @@ def test_a_region_that_denies_the_origin_stops_the_training(tmp_path: Path) -> N
         train(SUPERVISED, CONFIG, nothing, tmp_path, report=quiet)
 
 
-BAD = [("alpha", -0.1), ("alpha", 1.1), ("alpha", np.nan), ("delta", 0.0), ("delta", np.nan), ("delta", np.inf)]
+BAD = [("alpha", v) for v in (-0.1, 1.1, np.nan)] + [("delta", v) for v in (0.0, -1.0, np.nan, np.inf)]
 BAD += [("seed", -1), ("seed", 0.5), ("steps", 0), ("steps", 1e6)]
 
 
 @pytest.mark.parametrize(("name", "value"), BAD)
 def test_bad_runs_are_refused_by_name(name: str, value: Any) -> None:
+    values: dict[str, Any] = {"alpha": None, "delta": 1.0, "seed": 0, "steps": 10, name: value}
     with pytest.raises(ValueError, match=f"{name} = {value}"):
-        Run(**{**dict(alpha=None, delta=1.0, seed=0, steps=10), name: value})
+        Run(**values)

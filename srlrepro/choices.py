@@ -1,0 +1,211 @@
+"""What the paper leaves open and we chose, each value with its reason."""
+
+from dataclasses import dataclass
+
+from srlrepro.parameters import check_fields, chosen
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Values that the paper leaves open; the metadata of each field gives the reason of our choice.
+
+    A default follows, in this order: the paper's words; the conditions that the paper states as its set-up
+    and that a wrong choice would break; for Ψ and Γ, held-out calibration on nominal data; the library's
+    default. Never the outcomes of Fig. 3.
+    """
+
+    gravity: float = chosen(9.81, "(0, inf)", "m/s²", "gravitational acceleration", "standard value")
+    control_period: float = chosen(
+        0.01,
+        "(0, 0.1]",
+        "s",
+        "period of π, h and K",
+        "the sampled K keeps upright stable for every Δ of the paper, with room to spare",
+    )
+    substeps: int = chosen(
+        8,
+        "[1, 100]",
+        "",
+        "Runge-Kutta steps per control period",
+        "all labels of 4000 UD states equal those of 16 times finer steps; with 4, five in 4000 differ",
+    )
+    trial_length: float = chosen(4.0, "(0, 600]", "s", "length of a trial", "two rounds of the circle")
+    total_steps: int = chosen(
+        1_500_000,
+        "[2, inf)",
+        "",
+        "training steps of a full run",
+        "an exploratory free PPO at Δ = 1.1 levelled off near it",
+    )
+    quick_steps: int = chosen(
+        4096,
+        "[2, inf)",
+        "",
+        "training steps of a --quick run",
+        "two updates: the whole grid in ten minutes on 2 cores",
+    )
+    lqr_angle_weight: float = chosen(
+        100.0,
+        "(0, inf)",
+        "1/rad²",
+        "LQR: Q on the angles",
+        "set-up condition: with Q = I, upright was unstable at Δ = 4 for every R tried",
+    )
+    lqr_rate_weight: float = chosen(
+        1.0, "(0, inf)", "s²/rad²", "LQR: Q on the rates", "the unit to compare with"
+    )
+    lqr_torque_weight: float = chosen(
+        0.01,
+        "(0, inf)",
+        "1/(N·m)²",
+        "LQR: R",
+        "a torque of 10 N·m weighs as much as 1 rad/s; upright is stable for every Δ of the paper",
+    )
+    torque_noise: float = chosen(
+        10.0,
+        "(0, inf)",
+        "N·m",
+        "Kalman filter: std of the disturbance torque",
+        "a tenth of the torque limit; smaller values trust the wrong model too much and lose Δ = 4",
+    )
+    angle_noise: float = chosen(
+        1e-3, "(0, inf)", "rad", "Kalman filter: std of the measured angles", "an ordinary joint encoder"
+    )
+    rate_noise: float = chosen(
+        1e-2,
+        "(0, inf)",
+        "rad/s",
+        "Kalman filter: std of the measured rates",
+        "the same, differentiated over 0.1 s",
+    )
+    recovery_horizon: float = chosen(
+        5.0,
+        "(0, 60]",
+        "s",
+        "time that K has to recover",
+        "the slowest of 4000 recoveries from UD takes 3.5 s, at Δ = 4",
+    )
+    recovered_angle: float = chosen(
+        0.1,
+        "(0, 1]",
+        "rad",
+        "|θ_i| that counts as upright",
+        "from the box, K never saturates and always converges",
+    )
+    recovered_rate: float = chosen(
+        0.5, "(0, 10]", "rad/s", "|θ̇_i| that counts as upright", "as recovered_angle"
+    )
+    rate_bound: float = chosen(
+        300.0,
+        "[50, 1000]",
+        "rad/s",
+        "|θ̇_i| at which a rollout is given up",
+        "the integration is no longer accurate; no recovery from 4000 UD states reaches it",
+    )
+    random_hold: float = chosen(
+        0.5,
+        "(0, 600]",
+        "s",
+        "random policy: time for which a torque is held",
+        "set-up condition: Fig. 2 shows unsafe states for α = 0; with a new torque every 10 ms all are safe",
+    )
+    random_length: float = chosen(4.0, "(0, 600]", "s", "random policy: longest rollout", "as a trial")
+    random_rollouts: int = chosen(
+        2000,
+        "[1, inf)",
+        "",
+        "random policy: number of rollouts",
+        "the standard errors of μ and Σ are a few per cent",
+    )
+    mnd_outside: str = chosen(
+        "keep",
+        "keep|redraw",
+        "",
+        "MND states outside the ranges of App. C",
+        "the paper draws from the MND itself",
+    )
+    omega_step: float = chosen(
+        0.05, "(0, 1]", "s", "ω: time between compared states", "K settles in about 1 s"
+    )
+    omega_horizon: float = chosen(5.0, "(0, 60]", "s", "ω: compared time", "the horizon of K")
+    label_gap: float = chosen(
+        1.0,
+        "[0, 10]",
+        "",
+        "Ω: δ, added where labels differ",
+        "set-up condition: safe and unsafe are clearly separated in Y; the calibration does not depend on it",
+    )
+    perplexity: float = chosen(30.0, "[1, 1000]", "", "t-SNE: perplexity", "openTSNE's default")
+    psi_neighbours: int = chosen(
+        16,
+        "[1, 200]",
+        "",
+        "Ψ: number of neighbours",
+        "best held-out calibration on nominal data of 4, 8, 16, 32",
+    )
+    gamma_evidence: str = chosen(
+        "held out",
+        "held out|embedded",
+        "",
+        "Γ: places of the evidence",
+        "held-out calibration: a Brier score of 0.11 instead of 0.14 where t-SNE has put the training states",
+    )
+    gamma_bandwidth: float = chosen(
+        0.2,
+        "(0, 1]",
+        "",
+        "Γ: kernel width in RMS radii of the y_i",
+        "best held-out calibration of 0.05 to 0.4",
+    )
+    gamma_prior: float = chosen(
+        1.0,
+        "(0, 1000]",
+        "",
+        "Γ: pseudo-count of unsafe evidence",
+        "best held-out calibration of 0.3, 1 and 3",
+    )
+    gamma_cells: int = chosen(
+        128, "[8, 1024]", "", "Γ: cells per side of the grid", "a cell is a fraction of the kernel width"
+    )
+    known_origin: bool = chosen(
+        True,
+        "true|false",
+        "",
+        "the origin joins the training states of Ψ and Γ as one more safe state",
+        "set-up condition: the origin is known to be safe; without this, 2 of 8 datasets of α = 1 deny that",
+    )
+    data_per_seed: bool = chosen(
+        False,
+        "true|false",
+        "",
+        "one training dataset per seed instead of one per α",
+        "Fig. 2 shows one per α",
+    )
+    log_std_init: float = chosen(
+        -1.0,
+        "[-5, 2]",
+        "",
+        "PPO: log of the initial std of the actions",
+        "set-up condition: with 0, the states visited first lie far outside the state space of App. C",
+    )
+    clip_range: float = chosen(0.2, "(0, 1)", "", "PPO: clip range", "stable-baselines3's default")
+    visited_states: int = chosen(
+        20_000,
+        "[1, inf)",
+        "",
+        "visited states kept of a run, about",
+        "enough for an error rate to half a per cent",
+    )
+    checkpoint_updates: int = chosen(
+        10, "[1, inf)", "", "updates between two checkpoints", "about a minute of work is lost at most"
+    )
+    early_stop: str = chosen(
+        "terminate",
+        "terminate|truncate",
+        "",
+        "what an activation of K is for the learner: the end, or a cut-off with bootstrap",
+        "the trial is terminated where unsafe behaviour is predicted (Sec. IV-C)",
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)

@@ -1,0 +1,122 @@
+"""What a training records: trials, visited states, the learning curve and the counts of Fig. 3."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from srlrepro.checkpoint import Progress, save
+from srlrepro.labels import HIT_GROUND, OUTCOMES
+
+TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
+
+
+class Recorder(BaseCallback):
+    """Collects the trials and visited states of a training, shows progress and writes checkpoints.
+
+    Args:
+        progress: what has been collected so far; grows in place.
+        steps: total training steps.
+        stride: every how many steps a state is kept.
+        state_max: [6] half ranges that undo the scaling of the observations.
+        checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
+        report: receives sparse lines when no terminal shows the bar.
+    """
+
+    def __init__(
+        self,
+        progress: Progress,
+        steps: int,
+        stride: int,
+        state_max: tuple[float, ...],
+        checkpoint: tuple[Path, int, dict[str, Any]] | None,
+        report: Callable[[str], None],
+    ) -> None:
+        super().__init__()
+        self.progress, self.steps, self.stride = progress, steps, stride
+        self.scale = np.array(state_max, dtype=np.float32)
+        self.checkpoint, self.report = checkpoint, report
+        self.started = time.perf_counter() - progress.seconds
+        self.updates = 0
+
+    def _on_training_start(self) -> None:
+        self.reached = self.num_timesteps
+        self.bar = tqdm(total=self.steps, initial=self.reached, unit="step", disable=None, desc="training")
+
+    def _on_rollout_start(self) -> None:
+        self.progress.seconds = time.perf_counter() - self.started
+        if self.checkpoint is not None and self.updates and self.updates % self.checkpoint[1] == 0:
+            save(self.checkpoint[0], self.model, self.progress, self.checkpoint[2])
+        self.updates += 1
+
+    def _on_step(self) -> bool:
+        for info, observation in zip(self.locals["infos"], self.locals["new_obs"], strict=True):
+            if self.num_timesteps % self.stride == 0:
+                reached = info.get("terminal_observation", observation)
+                self.progress.visited.append(reached[:6] * self.scale)
+            if "episode" in info:
+                self.progress.trials.append(
+                    {
+                        "step": self.num_timesteps,
+                        "length": info["episode"]["l"],
+                        "return": info["episode"]["r"],
+                        "outcome": info["outcome"],
+                        "activated": info.get("activated", False),
+                        "recovery": info.get("recovery", ""),
+                        "recovery_time": info.get("recovery_time", 0.0),
+                    }
+                )
+        return True
+
+    def _on_rollout_end(self) -> None:
+        first, tenth = self.reached, max(1, self.steps // 10)
+        self.reached = self.num_timesteps
+        self.bar.update(self.reached - first)
+        if self.bar.disable and self.reached // tenth > first // tenth:
+            elapsed = time.perf_counter() - self.started
+            left = elapsed * (self.steps - self.num_timesteps) / self.num_timesteps
+            self.report(f"step {self.num_timesteps} of {self.steps}, about {max(left, 0) / 60:.1f} min left")
+
+    def _on_training_end(self) -> None:
+        self.bar.close()
+        self.progress.seconds = time.perf_counter() - self.started
+
+
+def learning_curve(trials: pd.DataFrame, n_steps: int, updates: int) -> pd.DataFrame:
+    """One row per update of n_steps steps, over the trials that ended in it.
+
+    Columns: ``step`` (at its end), ``trials``, ``mean_return`` (empty if no trial ended), ``mean_length``
+    (control periods), ``reward_per_step``, ``activations``, ``failures`` (of K), ``falls`` (of π).
+    """
+    update = (trials["step"] - 1) // n_steps
+    grouped = trials.assign(
+        failure=trials["activated"] & (trials["recovery"] != "recovered"),
+        fall=trials["outcome"] == OUTCOMES[HIT_GROUND],
+    ).groupby(update)
+    every = pd.RangeIndex(updates)
+    curve = pd.DataFrame({"step": (every + 1) * n_steps}, index=every)
+    curve["trials"] = grouped.size().reindex(every, fill_value=0)
+    curve["mean_return"] = grouped["return"].mean()
+    curve["mean_length"] = grouped["length"].mean()
+    curve["reward_per_step"] = grouped["return"].sum() / grouped["length"].sum()
+    for name, column in (("activations", "activated"), ("failures", "failure"), ("falls", "fall")):
+        curve[name] = grouped[column].sum().reindex(every, fill_value=0).astype(int)
+    return curve
+
+
+def count(trials: pd.DataFrame) -> dict[str, int]:
+    """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
+    did not prevent: falls of π, and trials given up by the rate bound."""
+    active = trials[trials["activated"]]
+    counts = {"trials": len(trials), "activations": len(active)}
+    counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
+    outcomes = trials["outcome"]
+    return counts | {
+        "falls": int((outcomes == "hit the ground").sum()),
+        "diverged": int((outcomes == "diverged").sum()),
+    }

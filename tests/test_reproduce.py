@@ -1,0 +1,116 @@
+"""The driver: its command line, its plan, its lock and its progress. The workflow itself runs in `--quick`."""
+
+import fcntl
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from srlrepro import reproduce
+from srlrepro.config import Choices, ParameterError
+from srlrepro.plan import make_parser, plan
+
+ROOT = Path(__file__).parent.parent
+
+
+def planned(*arguments: str) -> dict[str, object]:
+    return plan(make_parser().parse_args(list(arguments)))
+
+
+def test_the_default_is_the_papers_grid() -> None:
+    grid = planned()
+    assert grid["alphas"] == ["0", "0.5", "1", "none"] and grid["deltas"] == [1.1, 1.5, 4.0]
+    assert grid["seeds"] == [0, 1, 2] and grid["steps"] == Choices.total_steps
+    assert grid["name"] == "full" and grid["note"] == ""
+
+
+def test_quick_differs_in_the_steps_alone_and_says_so() -> None:
+    full, quick = planned(), planned("--quick")
+    assert {key for key in full if full[key] != quick[key]} == {"name", "steps", "note"}
+    assert quick["name"] == "quick" and str(Choices.quick_steps) in str(quick["note"])
+
+
+def test_a_varied_grid_never_replaces_the_papers() -> None:
+    assert planned("--seeds", "10")["name"] == "custom"
+    assert planned("--quick", "--set", "k=500", "--name", "k500")["name"] == "k500"
+    with pytest.raises(ParameterError, match="another name"):
+        planned("--seeds", "10", "--name", "full")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--alphas", "0", "2"], "--alphas = 2"),
+        (["--alphas", "x"], "--alphas = x"),
+        (["--alphas", "0.5", "0.50"], "different from each other"),
+        (["--alphas", "none"], "at least one number"),
+        (["--deltas", "-1"], "--deltas = -1.0"),
+        (["--deltas", "nan"], "--deltas = nan"),
+        (["--seeds", "0"], "--seeds = 0"),
+        (["--steps", "0"], "--steps = 0"),
+        (["--cores", "0"], "--cores = 0"),
+        (["--set", "p_t=2"], "p_t = 2"),
+        (["--set", "colour=red"], "no such parameter"),
+        (["--name", "../x"], "--name = ../x"),
+        (["--fast"], "unrecognized arguments: --fast"),
+        (["--qui"], "unrecognized arguments: --qui"),
+        (["--seeds", "two"], "invalid int value"),
+    ],
+)
+def test_wrong_use_is_one_line_and_writes_nothing(arguments: list[str], message: str, tmp_path: Path) -> None:
+    """On a copy without an environment, with the machine's own Python: nothing is installed first."""
+    shutil.copytree(ROOT / "srlrepro", tmp_path / "srlrepro", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "reproduce.sh").write_bytes((ROOT / "reproduce.sh").read_bytes())
+    before = sorted(tmp_path.rglob("*"))
+    done = subprocess.run(["bash", "reproduce.sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2 and message in done.stderr
+    assert done.stderr.count("\n") == 1 and done.stdout == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
+    with reproduce.only_one():
+        with pytest.raises(SystemExit, match="another"), reproduce.only_one():
+            pass
+        with (tmp_path / "results" / ".lock").open() as file, pytest.raises(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with reproduce.only_one():
+        pass
+
+
+def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = io.StringIO(
+        "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
+    )
+    log = io.StringIO()
+    reproduce.follow(lines, log)
+    out = capsys.readouterr().out
+    assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
+
+
+@pytest.mark.slow
+def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None:
+    """36 runs, seven other notebooks and the target; a run depends on its own region only."""
+    path = tmp_path / "workflow.json"
+    path.write_text(json.dumps(planned("--name", "nowhere", "--seeds", "3", "--steps", "64")))
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--dry-run",
+        "--nolock",
+        "--cores",
+        "2",
+        "--configfile",
+        str(path),
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
+    assert done.returncode == 0, done.stderr
+    assert counts["training_run"] == "36" and counts["total"] == "44"
+    assert not (ROOT / "results" / "nowhere").exists()
