@@ -181,6 +181,13 @@ class Choices:
         "one training dataset per seed instead of one per α",
         "Fig. 2 shows one per α",
     )
+    observation: str = chosen(
+        "state",
+        "state|scaled",
+        "",
+        "what π sees: x itself or x in half ranges of App. C; and the sine and cosine of the target's phase",
+        "the paper's π(x) sees x; the target moves, so that without its phase the task is no function of x",
+    )
     log_std_init: float = chosen(
         -1.0,
         "[-5, 2]",

@@ -74,7 +74,7 @@ def advance(
 
 @jit
 def observe(scale: Floats, circle: Circle, state: State, t: float, out: NDArray[np.float32]) -> None:
-    """Observation [8] of a state at time t: the state in half ranges of App. C, and the target's phase."""
+    """Observation [8] of a state at time t: the state in units of ``scale``, and the target's phase."""
     for j in range(6):
         out[j] = state[j] / scale[j]
     out[6], out[7] = np.sin(circle[2] * t), np.cos(circle[2] * t)
@@ -83,7 +83,7 @@ def observe(scale: Floats, circle: Circle, state: State, t: float, out: NDArray[
 class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Track the circle with the pendulum of mismatch Δ.
 
-    Observation [8]: x scaled by the half ranges of App. C, sin and cos of the target's phase.
+    Observation [8]: x (``observation = scaled``: in half ranges of App. C), sin and cos of the target's phase.
     Action [3] in [-1, 1]: torques in units of the torque limit. Reward: App. C.
     A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
     integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;
@@ -125,7 +125,8 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
         self.state: Floats = np.zeros(6)
         self.period = 0
-        self._scale = np.array(paper.state_max)
+        scaled = config.choices.observation == "scaled"
+        self.observation_scale: Floats = np.array(paper.state_max) if scaled else np.ones(6)
         self._circle = (paper.circle_height, paper.circle_radius, paper.circle_speed)
         self._reward = (paper.reward_constant, paper.reward_slope)
         self._view: PendulumView | None = None
@@ -175,7 +176,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _observation(self) -> NDArray[np.float32]:
         out = np.empty(8, np.float32)
-        observe(self._scale, self._circle, as_state(self.state), self.time, out)
+        observe(self.observation_scale, self._circle, as_state(self.state), self.time, out)
         return out
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from srlrepro.checkpoint import Progress, save
 from srlrepro.labels import HIT_GROUND, OUTCOMES
+from srlrepro.pendulum import Floats
 
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
 
@@ -23,7 +24,7 @@ class Recorder(BaseCallback):
         progress: what has been collected so far; grows in place.
         steps: total training steps.
         stride: every how many steps a state is kept.
-        state_max: [6] half ranges that undo the scaling of the observations.
+        scale: [6] units of the observed state.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
         report: receives sparse lines when no terminal shows the bar.
     """
@@ -33,13 +34,13 @@ class Recorder(BaseCallback):
         progress: Progress,
         steps: int,
         stride: int,
-        state_max: tuple[float, ...],
+        scale: Floats,
         checkpoint: tuple[Path, int, dict[str, Any]] | None,
         report: Callable[[str], None],
     ) -> None:
         super().__init__()
         self.progress, self.steps, self.stride = progress, steps, stride
-        self.scale = np.array(state_max, dtype=np.float32)
+        self.scale = scale.astype(np.float32)
         self.checkpoint, self.report = checkpoint, report
         self.started = time.perf_counter() - progress.seconds
         self.updates = 0

@@ -132,6 +132,8 @@ def train(
     torch.set_num_threads(1)
     folder, choices = Path(folder), config.choices
     env = make_env(run, config, region)
+    task = env.unwrapped
+    assert isinstance(task, ThreeLinkCircleEnv)
     env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
     require_writable(folder)
     model, progress = make_learner(env, config, run.seed), Progress()
@@ -145,7 +147,7 @@ def train(
         progress,
         steps,
         stride=max(1, steps // choices.visited_states),
-        state_max=config.paper.state_max,
+        scale=task.observation_scale,
         checkpoint=None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity),
         report=report,
     )

@@ -1,4 +1,4 @@
-"""Checkpoints: a training that was interrupted or killed gives the same numbers; others' files are refused."""
+"""Checkpoints: a training that was interrupted or killed gives the same numbers; others are refused."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""The safe region as a file and as an estimator: what comes back, what is refused, scikit-learn's conventions."""
+"""The safe region as a file and as an estimator: what comes back and what is refused."""
 
 from collections.abc import Callable
 from pathlib import Path
