@@ -83,7 +83,7 @@ def observe(scale: Floats, circle: Circle, state: State, t: float, out: NDArray[
 class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Track the circle with the pendulum of mismatch Δ.
 
-    Observation [8]: x (``observation = scaled``: in half ranges of App. C), sin and cos of the target's phase.
+    Observation [8]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
     Action [3] in [-1, 1]: torques in units of the torque limit. Reward: App. C.
     A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
     integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;

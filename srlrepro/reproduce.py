@@ -125,7 +125,12 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
             command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         assert process.stdout is not None
-        follow(process.stdout, log)
+        try:
+            follow(process.stdout, log)
+        except KeyboardInterrupt:  # Snakemake has received it as well, and ends its jobs
+            process.wait()
+            print("reproduce.sh: stopped. Start again to go on.")
+            return 130
         status = process.wait()
     minutes = (time.monotonic() - started) / 60
     if status == 0 and fresh:  # an interrupted run has no time of its own
