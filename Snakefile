@@ -52,6 +52,7 @@ rule all:
         f"{EXECUTED}/01_pendulum.ipynb",
         expand(f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
         f"{EXECUTED}/08_claims.ipynb",
+        f"{EXECUTED}/09_choices.ipynb",
 
 
 rule pendulum:
@@ -204,3 +205,20 @@ rule claims:
         parameters=parameters(FIGURES=f"../{FIGURES}", NOTE=config["note"]),
     shell:
         execute("08_claims")
+
+
+rule choices:
+    input:
+        LEARNING,
+        modules("choosing"),
+        "notebooks/09_choices.ipynb",
+    output:
+        notebook=f"{EXECUTED}/09_choices.ipynb",
+        tables=expand(f"{FIGURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "exploration"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", ALPHAS=[float(a) for a in REGIONS], DELTAS=[1.0, *DELTAS], DATASETS=2, STATES=4000
+        ),
+    shell:
+        execute("09_choices")

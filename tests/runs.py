@@ -18,7 +18,10 @@ UPDATE, UPDATES = 64, 6
 CONFIG = Config().with_values(
     n_steps=UPDATE, n_minibatches=4, n_epochs=2, hidden_width=16, trial_length=0.7, checkpoint_updates=1
 )
-NARROW: Hypothesis = SimpleNamespace(predict=lambda x: (np.abs(np.atleast_2d(x)[:, 0]) < 0.1).astype(int))
+NARROW_ANGLE = 0.1
+NARROW: Hypothesis = SimpleNamespace(
+    predict=lambda x: (np.abs(np.atleast_2d(x)[:, 0]) < NARROW_ANGLE).astype(int)
+)
 FREE, SUPERVISED = Run(None, 1.5, 3, UPDATES * UPDATE), Run(0.5, 1.5, 3, UPDATES * UPDATE)
 PAIRS = [(FREE, None), (SUPERVISED, NARROW)]
 CONDITIONS = pytest.mark.parametrize(("run", "region"), PAIRS, ids=["free", "supervised"])

@@ -14,30 +14,23 @@ import pytest
 import torch
 from runs import CONDITIONS, CONFIG, FREE, UPDATE, UPDATES, products, quiet
 
-from srlrepro import checkpoint as checkpoints
-from srlrepro import training
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import ResultError
 from srlrepro.supervisor import Hypothesis
 from srlrepro.training import Run, train
 
 
-def interrupt(run: Run, region: Hypothesis | None, folder: Path, saves: int) -> Path:
-    """Train until ``saves`` checkpoints are written, and then a few steps more; returns the checkpoint."""
-    file, written, step = folder / "checkpoint.zip", [0, 0], ThreeLinkCircleEnv.step
-
-    def save(*arguments: Any) -> None:
-        checkpoints.save(*arguments)
-        written[0] += 1
+def interrupt(run: Run, region: Hypothesis | None, folder: Path, steps: int) -> Path:
+    """Train for a number of steps, with a checkpoint after every update; returns the last checkpoint."""
+    file, taken, step = folder / "checkpoint.zip", [0], ThreeLinkCircleEnv.step
 
     def stopping_step(*arguments: Any) -> Any:
-        written[1] += written[0] == saves
-        if written[1] == 10:
+        taken[0] += 1
+        if taken[0] > steps:
             raise KeyboardInterrupt
         return step(*arguments)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "save", save)
         patch.setattr(ThreeLinkCircleEnv, "step", stopping_step)
         with pytest.raises(KeyboardInterrupt):
             train(run, CONFIG, region, folder, file, quiet)
@@ -50,22 +43,22 @@ def test_interrupted_and_resumed_gives_the_same_numbers(
     run: Run, region: Hypothesis | None, which: int, whole: dict[Run, Path], tmp_path: Path
 ) -> None:
     ends = set(pd.read_csv(whole[run] / "trials.csv")["step"])
-    saves = [n for n in range(1, UPDATES) if n * UPDATE not in ends][which]
-    file = interrupt(run, region, tmp_path, saves)
+    updates = [n for n in range(1, UPDATES) if n * UPDATE not in ends][which]
+    file = interrupt(run, region, tmp_path, updates * UPDATE + 10)
     with zipfile.ZipFile(file) as stored:
         assert json.loads(stored.read("rest.json"))["period"] > 0  # in the middle of a trial
     np.random.random()  # noqa: NPY002  (whatever happens to the global generators in between)
     torch.rand(1)
     lines: list[str] = []
     train(run, CONFIG, region, tmp_path, file, lines.append)
-    assert lines[0] == f"going on from step {saves * UPDATE}"
+    assert lines[0] == f"going on from step {updates * UPDATE}"
     assert products(tmp_path) == products(whole[run])
     assert not file.exists()
 
 
 def test_interrupted_twice_gives_the_same_numbers(whole: dict[Run, Path], tmp_path: Path) -> None:
-    interrupt(FREE, None, tmp_path, 1)
-    file = interrupt(FREE, None, tmp_path, 2)
+    interrupt(FREE, None, tmp_path, UPDATE + 1)
+    file = interrupt(FREE, None, tmp_path, 2 * UPDATE + 1)
     train(FREE, CONFIG, None, tmp_path, file, quiet)
     assert products(tmp_path) == products(whole[FREE])
 
@@ -101,7 +94,7 @@ def test_killed_and_resumed_gives_the_same_numbers(whole: dict[Run, Path], tmp_p
 
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
-    file = interrupt(FREE, None, tmp_path, 1)
+    file = interrupt(FREE, None, tmp_path, UPDATE + 10)
     other = Run(None, FREE.delta, FREE.seed + 1, FREE.steps)
     for run, config in ((other, CONFIG), (FREE, CONFIG.with_values(learning_rate=2e-4))):
         with pytest.raises(ResultError, match=r"checkpoint\.zip is a checkpoint of another run"):
@@ -111,7 +104,7 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 0.99])
 def test_a_truncated_checkpoint_is_refused(share: float, tmp_path: Path) -> None:
-    file = interrupt(FREE, None, tmp_path, 1)
+    file = interrupt(FREE, None, tmp_path, UPDATE + 10)
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ResultError, match=r"checkpoint\.zip is truncated or not a checkpoint"):

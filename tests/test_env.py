@@ -104,17 +104,18 @@ def test_torques_are_limited() -> None:
     np.testing.assert_array_equal(ends[0], ends[2])
 
 
-def test_the_observation_is_the_scaled_state_and_the_phase() -> None:
-    env = ThreeLinkCircleEnv()
-    observation, info = env.reset()
-    np.testing.assert_array_equal(observation, np.array([0] * 7 + [1], np.float32))
+@pytest.mark.parametrize("observation", ["state", "scaled"])
+def test_the_policy_sees_the_state_and_the_phase_of_the_target(observation: str) -> None:
+    env = ThreeLinkCircleEnv(config=Config().with_values(observation=observation))
+    seen, info = env.reset()
+    np.testing.assert_array_equal(seen, np.array([0] * 7 + [1], np.float32))
     assert info == {"outcome": ""}
     for action in random_actions(10):
-        observation = env.step(action)[0]
-    phase = pi * env.time
-    np.testing.assert_allclose(observation[:6], env.state / env.config.paper.state_max, rtol=1e-5)
-    np.testing.assert_allclose(observation[6:], [np.sin(phase), np.cos(phase)], rtol=1e-5)
-    assert env.observation_space.contains(observation)
+        seen = env.step(action)[0]
+    state = env.state / env.config.paper.state_max if observation == "scaled" else env.state
+    np.testing.assert_allclose(seen[:6], state, rtol=1e-5)
+    np.testing.assert_allclose(seen[6:], [np.sin(pi * env.time), np.cos(pi * env.time)], rtol=1e-5)
+    assert env.observation_space.contains(seen)
 
 
 def test_a_trial_ends_at_the_time_limit() -> None:

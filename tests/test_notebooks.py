@@ -24,6 +24,7 @@ NAMES = [
     "06_learning_performance",
     "07_activations_and_failures",
     "08_claims",
+    "09_choices",
 ]
 
 
@@ -99,7 +100,7 @@ def test_a_falsified_result_makes_nbval_fail(small: Path) -> None:
 def test_parameters_are_checked_by_name_and_type(small: Path) -> None:
     check_parameters(small, {"N": 2, "RATE": 1, "NAME": "b"})
     with pytest.raises(
-        ParameterError, match="M = 2: must be one of the parameters of small.ipynb: N, RATE, NAME"
+        ParameterError, match=r"M = 2: must be one of the parameters of small.ipynb: N, RATE, NAME"
     ):
         check_parameters(small, {"M": 2})
     for wrong in ({"N": "2"}, {"N": 2.0}, {"N": True}, {"NAME": 1}, {"RATE": "1e-3"}):

@@ -1,9 +1,14 @@
 """The pendulum against a symbolic derivation, conservation laws, finite differences and a second geometry."""
 
 import math
+import os
+import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +17,7 @@ import sympy as sp
 from numba import njit
 from sympy.physics import mechanics
 
+from srlrepro import pendulum
 from srlrepro.pendulum import Floats, ThreeLinkPendulum, derivative, rk4_step, tip
 
 DELTAS = (0.3, 1.0, 1.1, 1.5, 4.0)
@@ -199,3 +205,25 @@ def test_one_integration_step_takes_at_most_a_microsecond() -> None:
         seconds.append((time.perf_counter() - before) / n)
     assert all(math.isfinite(v) for v in end)
     assert min(seconds) < 1e-6
+
+
+RECOVERS = "from srlrepro.labels import ClosedLoop; print(ClosedLoop().predict([0.3, 0, 0, 0, 0, 0])[0])"
+NOTHING_MOVES = "\n\n@jit\ndef derivative(c, x, u):\n    return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)\n"
+
+
+@pytest.mark.slow
+def test_an_edit_of_the_equations_of_motion_reaches_the_labels(tmp_path: Path) -> None:
+    """Compiled code is kept on disk; it must not outlive the source that it was compiled from."""
+    package = tmp_path / "srlrepro"
+    shutil.copytree(Path(pendulum.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    answers = []
+    for addition in ("", NOTHING_MOVES):
+        with (package / "pendulum.py").open("a") as source:
+            source.write(addition)
+        command = [sys.executable, "-c", RECOVERS]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True
+        )
+        answers.append(done.stdout.strip())
+    assert answers == ["1", "0"]

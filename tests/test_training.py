@@ -1,7 +1,8 @@
 """Training: the parameters of App. C, determinism, counts that add up, and runs that are refused."""
 
+import io
 import json
-from collections.abc import Callable
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,10 +12,9 @@ import pandas as pd
 import pytest
 import torch
 from conftest import Learned
-from runs import CONDITIONS, CONFIG, FREE, NARROW, SUPERVISED, UPDATE, UPDATES, products, quiet
+from runs import CONDITIONS, CONFIG, FREE, NARROW, NARROW_ANGLE, SUPERVISED, UPDATE, UPDATES, products, quiet
 from stable_baselines3 import PPO
 
-from srlrepro import training
 from srlrepro.config import Config
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import ResultError, read_arrays
@@ -27,6 +27,7 @@ from srlrepro.training import (
     evaluate,
     learning_curve,
     make_env,
+    make_learner,
     train,
 )
 
@@ -83,16 +84,19 @@ def test_counts_and_curves_add_up(run: Run, region: Hypothesis | None, whole: di
 
 
 @CONDITIONS
-def test_visited_states_are_those_of_the_trials(
+def test_visited_states_are_those_that_the_steps_reach(
     run: Run, region: Hypothesis | None, whole: dict[Run, Path], tmp_path: Path
 ) -> None:
+    """A trial ends where the state is out of bounds, and nowhere else but at the time limit."""
     every = read_arrays(whole[run] / "visited.npz", VISITED_FORMAT, ("x",))["x"]
-    starts = np.append(0, pd.read_csv(whole[run] / "trials.csv")["step"])
+    trials = pd.read_csv(whole[run] / "trials.csv")
+    bound = CONFIG.paper.theta1_max if region is None else NARROW_ANGLE
     assert every.shape == (run.steps, 6)
-    np.testing.assert_array_equal(np.flatnonzero((every == 0).all(axis=1)), starts[starts < run.steps])
+    ended = trials["step"][trials["outcome"] != "time limit"]
+    np.testing.assert_array_equal(np.flatnonzero(np.abs(every[:, 0]) >= bound) + 1, ended)
     train(run, CONFIG.with_values(visited_states=run.steps // 5), region, tmp_path, report=quiet)
     fewer = read_arrays(tmp_path / "visited.npz", VISITED_FORMAT, ("x",))["x"]
-    np.testing.assert_array_equal(fewer, every[::5])
+    np.testing.assert_array_equal(fewer, every[4::5])
 
 
 def test_the_final_trials_are_those_of_the_saved_policy(whole: dict[Run, Path]) -> None:
@@ -126,8 +130,7 @@ def test_a_run_in_which_no_trial_ends_is_a_run(tmp_path: Path) -> None:
 
 
 def test_progress_is_reported_where_no_bar_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bar: Callable[..., Any] = training.tqdm
-    monkeypatch.setattr(training, "tqdm", lambda **values: bar(**{**values, "disable": True}))
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
     lines: list[str] = []
     train(FREE, CONFIG, None, tmp_path, report=lines.append)
     assert len(lines) == UPDATES
@@ -179,7 +182,7 @@ def test_the_counts_of_a_small_table() -> None:
 
 def test_the_parameters_of_appendix_c_reach_the_learner() -> None:
     config = Config()
-    model = training.make_learner(ThreeLinkCircleEnv(config=config), config, seed=5)
+    model = make_learner(ThreeLinkCircleEnv(config=config), config, seed=5)
     assert (model.n_steps, model.batch_size, model.n_epochs) == (2048, 2048 // 128, 10)
     assert (model.learning_rate, model.gamma, model.gae_lambda) == (1e-4, 0.99, 0.95)
     assert (model.vf_coef, model.max_grad_norm, model.ent_coef) == (1.0, 10.0, 0.0)
