@@ -214,7 +214,7 @@ rule choices:
         "notebooks/09_choices.ipynb",
     output:
         notebook=f"{EXECUTED}/09_choices.ipynb",
-        tables=expand(f"{FIGURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "exploration"]),
+        tables=expand(f"{FIGURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "origin", "exploration"]),
     params:
         values=config["values"],
         parameters=parameters(

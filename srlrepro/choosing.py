@@ -116,6 +116,17 @@ def calibration(
     return pd.DataFrame(rows)
 
 
+def origin_safety(config: Config, alpha: float, seeds: Iterable[int]) -> pd.DataFrame:
+    """Γ at the origin with and without ``known_origin``, by training dataset (seed)."""
+    rows = []
+    for seed in seeds:
+        data = generate(alpha, config, seed)
+        for known in (False, True):
+            region = learn(data, config.with_values(known_origin=known), seed)
+            rows.append((seed, known, float(region.safety(np.zeros((1, 6)))[0])))
+    return pd.DataFrame(rows, columns=["dataset", "known origin", "Γ(origin)"])
+
+
 def exploration(
     config: Config, log_stds: Iterable[float], delta: float, trials: int, seed: int
 ) -> pd.DataFrame:
