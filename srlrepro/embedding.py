@@ -13,7 +13,6 @@ states, weighted by inverse distance.
 
 import numpy as np
 from numpy.typing import ArrayLike
-from openTSNE import TSNE
 from scipy.spatial.distance import pdist, squareform
 
 from srlrepro.config import check
@@ -60,6 +59,8 @@ def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
     a precomputed dissimilarity. A perplexity that the k points cannot support is lowered to
     (k − 1) / 3, openTSNE's own limit.
     """
+    from openTSNE import TSNE  # here, since it is slow to import and a training run needs Ψ only
+
     matrix = np.asarray(omega, dtype=np.float64)
     supported = min(perplexity, (len(matrix) - 1) / 3)
     tsne = TSNE(

@@ -163,7 +163,7 @@ BAD_SETTINGS = {
     "k=": "k = : must be a whole number",
     "k=2.5": "k = 2.5: must be a whole number",
     "k=1e3": "k = 1e3: must be a whole number",
-    "k=1": "k = 1: must be a whole number in [2, inf)",
+    "k=1": "k = 1: must be a whole number in [",
     "p_t=high": "p_t = high: must be a number",
     "p_t=nan": "p_t = nan: must be a number in (0, 1)",
     "p_t=1": "p_t = 1.0: must be a number in (0, 1)",

@@ -95,13 +95,14 @@ def test_a_step_holds_the_scaled_torque_for_one_period() -> None:
 
 
 def test_torques_are_limited() -> None:
-    ends = []
-    for action in ([1, -1, 1], [7, -1.5, 1e9], [inf, -inf, inf]):
-        env = ThreeLinkCircleEnv()
-        run(env, np.array([action] * 3, dtype=np.float64))
-        ends.append(env.state)
-    np.testing.assert_array_equal(ends[0], ends[1])
-    np.testing.assert_array_equal(ends[0], ends[2])
+    for sign in (1, -1):
+        ends = []
+        for action in ([1, -1, 1], [7, -1.5, 1e9], [inf, -inf, inf]):
+            env = ThreeLinkCircleEnv()
+            run(env, sign * np.array([action] * 3, dtype=np.float64))
+            ends.append(env.state)
+        np.testing.assert_array_equal(ends[0], ends[1])
+        np.testing.assert_array_equal(ends[0], ends[2])
 
 
 @pytest.mark.parametrize("observation", ["state", "scaled"])

@@ -35,11 +35,12 @@ def known_normal() -> MultivariateNormal:
 
 
 def test_ud_is_uniform_and_its_coordinates_are_independent(rng: np.random.Generator) -> None:
-    states = sample_uniform(20_000, HIGH, rng)
+    n = 400_000
+    states = sample_uniform(n, HIGH, rng)
     for values, high in zip(states.T, HIGH, strict=True):
         assert stats.kstest(values, stats.uniform(-high, 2 * high).cdf).pvalue > SIGNIFICANCE
     correlations = np.corrcoef(states.T)[np.triu_indices(6, 1)]
-    assert np.abs(correlations).max() < 4 / np.sqrt(20_000)
+    assert np.abs(correlations).max() < 4 / np.sqrt(n)
 
 
 def test_mnd_is_normal(rng: np.random.Generator) -> None:
