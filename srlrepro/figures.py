@@ -7,7 +7,6 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
@@ -27,6 +26,8 @@ GAMMA_MAP = "cividis"
 
 def use_style() -> None:
     """Set matplotlib's defaults for every figure of the replication."""
+    import seaborn as sns  # here, since it is slow to import and a training run draws without it
+
     sns.set_theme(context="paper", style="ticks", font_scale=1.0)
     mpl.rcParams.update(
         {

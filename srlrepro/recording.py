@@ -15,6 +15,7 @@ from srlrepro.labels import HIT_GROUND, OUTCOMES
 from srlrepro.pendulum import Floats
 
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
+SHORTEST = 256  # steps that a row of the learning curve averages over, at least
 
 
 class Recorder(BaseCallback):
@@ -88,19 +89,27 @@ class Recorder(BaseCallback):
         self.progress.seconds = time.perf_counter() - self.started
 
 
-def learning_curve(trials: pd.DataFrame, n_steps: int, updates: int) -> pd.DataFrame:
-    """One row per update of n_steps steps, over the trials that ended in it.
+def curve_window(steps: int, n_steps: int) -> int:
+    """Steps that a row of the learning curve averages over: an update of n_steps, less if there are few of them.
+
+    A hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
+    """
+    return min(n_steps, max(SHORTEST, steps // 100))
+
+
+def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame:
+    """One row per window of so many steps, over the trials that ended in it.
 
     Columns: ``step`` (at its end), ``trials``, ``mean_return`` (empty if no trial ended), ``mean_length``
     (control periods), ``reward_per_step``, ``activations``, ``failures`` (of K), ``falls`` (of π).
     """
-    update = (trials["step"] - 1) // n_steps
+    within = (trials["step"] - 1) // window
     grouped = trials.assign(
         failure=trials["activated"] & (trials["recovery"] != "recovered"),
         fall=trials["outcome"] == OUTCOMES[HIT_GROUND],
-    ).groupby(update)
-    every = pd.RangeIndex(updates)
-    curve = pd.DataFrame({"step": (every + 1) * n_steps}, index=every)
+    ).groupby(within)
+    every = pd.RangeIndex(rows)
+    curve = pd.DataFrame({"step": (every + 1) * window}, index=every)
     curve["trials"] = grouped.size().reindex(every, fill_value=0)
     curve["mean_return"] = grouped["return"].mean()
     curve["mean_length"] = grouped["length"].mean()

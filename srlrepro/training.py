@@ -3,7 +3,7 @@
 The products of a run, in one folder:
 
 - ``trials.csv``: one row per trial (`TRIAL_COLUMNS`);
-- ``curve.csv``: the learning curve, one row per update (`learning_curve`);
+- ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
 - ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
   the distribution 𝒟 of Sec. III;
 - ``policy.zip``: the final policy, an archive of stable-baselines3 (the one kind of file with pickles);
@@ -29,7 +29,7 @@ from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import beside, require_writable, write_arrays, write_json, write_table
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import provenance
-from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, learning_curve
+from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
 from srlrepro.supervisor import Hypothesis, Supervisor
 
 VISITED_FORMAT = "srlrepro-visited-1"
@@ -168,7 +168,8 @@ def train(
         "provenance": provenance(progress.seconds),
     }
     write_table(folder / "trials.csv", trials)
-    write_table(folder / "curve.csv", learning_curve(trials, config.paper.n_steps, updates))
+    window = curve_window(steps, config.paper.n_steps)
+    write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
     write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     with beside(folder / "policy.zip") as temporary:
         model.save(temporary)
