@@ -20,7 +20,7 @@ def modules(*names):
 
 PHYSICS = modules("pendulum", "lqg", "labels")
 DATA = [*PHYSICS, *modules("sampling")]
-REGION = [*DATA, *modules("embedding", "safe_region")]
+REGION = [*DATA, *modules("embedding", "assessment", "safe_region")]
 LEARNING = [*REGION, *modules("env", "supervisor", "checkpoint", "recording", "training", "evaluation")]
 
 

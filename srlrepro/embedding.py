@@ -73,6 +73,9 @@ def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
     return np.array(tsne.fit(matrix), dtype=np.float64)
 
 
+FAR = 1e6  # half ranges: beyond, all training states are equally far away
+
+
 @jit
 def map_state(
     scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, skip: int, x: Floats
@@ -86,7 +89,7 @@ def map_state(
     k = x_train.shape[1]
     squared = np.zeros(k)
     for j in range(6):
-        row, value = x_train[j], x[j] / scale[j]
+        row, value = x_train[j], min(max(x[j] / scale[j], -FAR), FAR)
         for i in range(k):
             squared[i] += (row[i] - value) * (row[i] - value)
     if skip >= 0:

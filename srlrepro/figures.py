@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
+from srlrepro.assessment import RegionArrays
 from srlrepro.config import Config
 from srlrepro.files import beside, write_table
 from srlrepro.labels import Labels
 from srlrepro.pendulum import Floats
-from srlrepro.safe_region import RegionArrays
 
 COLORS = {"0": "#0072B2", "0.5": "#009E73", "1": "#D55E00", "none": "#4D4D4D"}  # Okabe and Ito
 MARKERS = {"0": "o", "0.5": "s", "1": "^", "none": "D"}

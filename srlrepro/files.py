@@ -8,6 +8,7 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -93,7 +94,11 @@ def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]
             if "format" not in archive or str(archive["format"]) != kind:
                 raise ResultError(f"{path} is not a {kind} file")
             return {name: archive[name] for name in names}
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
+    except ResultError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, EOFError, OSError) as error:
+        raise ResultError(f"{path} is truncated or not a {kind} file") from error
+    except (TypeError, RuntimeError) as error:  # a single array; a damaged header of the archive
         raise ResultError(f"{path} is truncated or not a {kind} file") from error
 
 

@@ -20,7 +20,7 @@ class Paper:
     theta23_max: float = stated(math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3", "App. C")
     rate1_max: float = stated(10.0, "(0, inf)", "rad/s", "UD range of θ̇1", "App. C")
     rate23_max: float = stated(20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3", "App. C")
-    k: int = stated(1000, "[2, inf)", "", "number of training states", "Sec. IV-B")
+    k: int = stated(1000, "[4, inf)", "", "number of training states", "Sec. IV-B")
     p_t: float = stated(0.8, "(0, 1)", "", "probability threshold of S_y, eq. (5)", "Sec. IV-A")
     reward_constant: float = stated(2.0, "(-inf, inf)", "", "R_c, reward for being safe", "App. C")
     reward_slope: float = stated(10.0, "[0, inf)", "1/m", "penalty per distance to the target", "App. C")

@@ -22,11 +22,15 @@ differences gives θ̈, i.e. ẋ = f(x) + g(x) u of eq. (7); eq. (1) is the same
 difference being d(x).
 """
 
+import hashlib
 import math
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numba
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +42,15 @@ State = tuple[float, float, float, float, float, float]
 Torque = tuple[float, float, float]
 Coefficients = tuple[float, float, float, float, float, float, float, float, float]
 STATE_NAMES = ("θ1", "θ2", "θ3", "θ̇1", "θ̇2", "θ̇3")
+
+# numba does not notice when a compiled function calls one that has changed in another file, so compiled
+# code is kept apart by the sources of everything that is compiled.
+_texts = (path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+_sources = b"".join(text for text in _texts if b"@jit" in text)
+_kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent / "__pycache__")
+numba.config.CACHE_DIR = str(  # type: ignore[attr-defined]
+    _kept / f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
+)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -90,7 +90,7 @@ class Recorder(BaseCallback):
 
 
 def curve_window(steps: int, n_steps: int) -> int:
-    """Steps that a row of the learning curve averages over: an update of n_steps, less if there are few of them.
+    """Steps that a row of the learning curve averages over: an update of n_steps, or less in a short run.
 
     A hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
     """
@@ -122,7 +122,7 @@ def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame
 def count(trials: pd.DataFrame) -> dict[str, int]:
     """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
     did not prevent: falls of π, and trials given up by the rate bound."""
-    active = trials[trials["activated"]]
+    active = trials[trials["activated"].astype(bool)]
     counts = {"trials": len(trials), "activations": len(active)}
     counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
     outcomes = trials["outcome"]

@@ -3,83 +3,30 @@ r"""The low-dimensional safe region: Γ on a grid over the y-plane, S_y, and the
     P(l(x) = 1) = Γ(y)|_{y = Ψ(x)}                                        (eq. 4)
     S_y = {y : Γ(y) > p_t},   h(x) = 1 if Ψ(x) ∈ S_y, else 0              (eqs. 5, 8)
 
-Γ has one value per cell of a grid. With the kernel weights w_i(y) = exp(−‖y − e_i‖² / 2b²) of the pieces
-of evidence (e_i, z_i) and the pseudo-count c of unsafe evidence,
-
-    Γ(y) = Σ_i w_i(y) z_i / (Σ_i w_i(y) + c),
-
-which lies in [0, 1), grows with every safe and falls with every unsafe piece of evidence, and goes to 0
-where there is none: unknown is unsafe. The evidence of the training state x_i sits at e_i = Ψ₋ᵢ(x_i), where
-the *other* training states place it ("held out"): a new state is placed by Ψ too, and eq. (4) asks for
-the probability at that place. ("embedded": e_i = y_i, where t-SNE, which knows the label, has put it.)
+Γ, a value for each cell of a grid, is estimated in `assessment` from pieces of evidence (e_i, z_i). The
+evidence of the training state x_i sits at e_i = Ψ₋ᵢ(x_i), where the *other* training states place it ("held
+out"): a new state is placed by Ψ too, and eq. (4) asks for the probability at that place. ("embedded":
+e_i = y_i, where t-SNE, which knows the label, has put it.)
 """
 
+import hashlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.distance import cdist
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
+from srlrepro.assessment import RegionArrays, discretise, query_batch
 from srlrepro.config import Choices, Config, Paper, check
-from srlrepro.embedding import dissimilarity, embed, map_state, map_states
+from srlrepro.embedding import dissimilarity, embed, map_states
 from srlrepro.files import ResultError, read_arrays, write_arrays
 from srlrepro.labels import ClosedLoop, Labels
-from srlrepro.pendulum import Floats, as_states, jit
+from srlrepro.pendulum import Floats, as_states
 from srlrepro.sampling import TrainingData, known_states
 
 FORMAT = "srlrepro-safe-region-1"
-MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a kernel weighs under 1.2 %
-
-
-class RegionArrays(NamedTuple):
-    """A fitted region as compiled code takes it.
-
-    Attributes:
-        scale: [6]; x_train: [6, k] scaled; y_train: [k, 2]; neighbours: of Ψ.
-        gamma: [G, G], cell (i, j) covers y = origin + cell·([i, i + 1), [j, j + 1)).
-        origin: [2]; cell: side of a cell.
-    """
-
-    scale: Floats
-    x_train: Floats
-    y_train: Floats
-    neighbours: int
-    gamma: Floats
-    origin: Floats
-    cell: float
-
-
-@jit
-def look_up(gamma: Floats, origin: Floats, cell: float, y1: float, y2: float) -> float:
-    """Γ of the cell that holds (y1, y2); 0 outside the grid, where there is no evidence."""
-    i, j = int(np.floor((y1 - origin[0]) / cell)), int(np.floor((y2 - origin[1]) / cell))
-    if i < 0 or j < 0 or i >= gamma.shape[0] or j >= gamma.shape[1]:
-        return 0.0
-    return gamma[i, j]  # type: ignore[no-any-return]
-
-
-@jit
-def query(region: RegionArrays, x: Floats) -> tuple[float, float, float]:
-    """(y_1, y_2, Γ) of one state x [6]: Ψ, then Γ."""
-    y1, y2 = map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)
-    return y1, y2, look_up(region.gamma, region.origin, region.cell, y1, y2)
-
-
-@jit
-def _query_batch(region: RegionArrays, x: Floats) -> Floats:
-    out = np.empty(x.shape[0])
-    for i in range(x.shape[0]):
-        out[i] = query(region, x[i])[2]
-    return out
-
-
-def kernel_estimate(y: Floats, evidence: Floats, z: Labels, bandwidth: float, prior: float) -> Floats:
-    """Γ [B] at the points y [B, 2] from the evidence [k, 2] with labels z [k]: see the module."""
-    weights = np.exp(-0.5 * (cdist(y, evidence) / bandwidth) ** 2)
-    return np.asarray((weights @ z) / (weights.sum(axis=1) + prior), np.float64)
 
 
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -152,6 +99,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         Raises:
             ValueError: shapes or values that are not allowed; p_t outside (0, 1).
         """
+        self._check_parameters(len(as_states(x)))
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
         return self.fit_embedding(x, z, embed(omega, self.perplexity, self.random_state))
 
@@ -159,12 +107,10 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         """Learn Ψ and Γ from states x [k, 6], labels z [k] and given simplified states y [k, 2]."""
         states, labels, places = as_states(x), np.asarray(z), np.asarray(y, dtype=np.float64)
         k = len(states)
-        check(isinstance(self.p_t, float) and 0 < self.p_t < 1, "p_t", self.p_t, "a number in (0, 1)")
-        check(k >= 2, "k", k, "a whole number in [2, inf)")
+        self._check_parameters(k)
         check(labels.shape == (k,), "z", f"shape {labels.shape}", f"labels of shape [{k}]")
         check(bool(np.isin(labels, (0, 1)).all()), "z", "other values", "labels 0 or 1")
         check(places.shape == (k, 2), "y", f"shape {places.shape}", f"simplified states of shape [{k}, 2]")
-        check(self.evidence in ("held out", "embedded"), "evidence", self.evidence, "held out or embedded")
         scale = np.array(self.state_max, dtype=np.float64)
         neighbours = min(self.neighbours, k - 1)
         x_train = np.ascontiguousarray((states / scale).T)
@@ -173,17 +119,28 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.embedding_ = places
         self.labels_ = labels.astype(np.int64)
         self.evidence_ = held_out if self.evidence == "held out" else places
-        radius = np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean())
-        bandwidth = self.bandwidth * radius if radius > 0 else 1.0
-        low, high = places.min(axis=0) - MARGIN * bandwidth, places.max(axis=0) + MARGIN * bandwidth
-        cell = float((high - low).max() / self.cells)
-        origin = (low + high) / 2 - cell * self.cells / 2
-        centres = cell * (np.arange(self.cells) + 0.5)
-        grid = np.stack(np.meshgrid(origin[0] + centres, origin[1] + centres, indexing="ij"), axis=-1)
-        gamma = kernel_estimate(grid.reshape(-1, 2), self.evidence_, self.labels_, bandwidth, self.prior)
-        gamma = gamma.reshape(self.cells, self.cells)
+        gamma, origin, cell = discretise(
+            places, self.evidence_, self.labels_, self.bandwidth, self.prior, self.cells
+        )
         self.arrays_ = RegionArrays(scale, x_train, places, neighbours, gamma, origin, cell)
         return self
+
+    def _check_parameters(self, k: int) -> None:
+        """See that the parameters are allowed, and that there are k ≥ 2 training states."""
+        check(isinstance(self.p_t, float) and 0 < self.p_t < 1, "p_t", self.p_t, "a number in (0, 1)")
+        for name, least in (("neighbours", 1), ("cells", 1), ("random_state", 0)):
+            value = getattr(self, name)
+            check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
+        for name in ("bandwidth", "prior", "perplexity"):
+            value = getattr(self, name)
+            check(isinstance(value, (float, int)) and 0 < value < np.inf, name, value, "a number in (0, inf)")
+        gap, high = self.label_gap, self.state_max
+        check(isinstance(gap, (float, int)) and 0 <= gap < np.inf, "label_gap", gap, "a number in [0, inf)")
+        check(self.evidence in ("held out", "embedded"), "evidence", self.evidence, "held out or embedded")
+        six = isinstance(high, tuple) and len(high) == 6
+        ok = six and all(isinstance(v, (float, int)) and 0 < v < np.inf for v in high)
+        check(ok, "state_max", high, "six numbers in (0, inf)")
+        check(k >= 2, "k", k, "a whole number in [2, inf)")
 
     def transform(self, x: ArrayLike) -> Floats:
         """Ψ: simplified states y [B, 2] of the states x [B, 6]."""
@@ -194,7 +151,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def safety(self, x: ArrayLike) -> Floats:
         """Γ(Ψ(x)) [B], the probability that x is safe (eq. 4)."""
         check_is_fitted(self)
-        return _query_batch(self.arrays_, as_states(x))
+        return query_batch(self.arrays_, as_states(x))
 
     def predict_proba(self, x: ArrayLike) -> Floats:
         """[B, 2]: the probabilities of unsafe (0) and safe (1), the latter Γ(Ψ(x))."""
@@ -204,6 +161,12 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def predict(self, x: ArrayLike) -> Labels:
         """h(x) [B] of eq. (8): 1 if Γ(Ψ(x)) > p_t, else 0."""
         return (self.safety(x) > self.p_t).astype(np.int64)  # eq. (5)
+
+    def digest(self) -> str:
+        """SHA-256 of what h depends on, to tell regions apart."""
+        check_is_fitted(self)
+        parts = (*self.arrays_, self.p_t)
+        return hashlib.sha256(b"".join(np.asarray(part).tobytes() for part in parts)).hexdigest()
 
     def save(self, path: Path) -> None:
         """Write the fitted region as npz: parameters as numbers and text, no pickle."""
@@ -223,13 +186,30 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         names = (*(f"param_{n}" for n in params), *(f"array_{n}" for n in fields), "evidence", "labels")
         stored = read_arrays(path, FORMAT, names)
         values = {n: stored[f"param_{n}"].tolist() for n in params}
-        values["state_max"] = tuple(values["state_max"])
+        if isinstance(values["state_max"], list):
+            values["state_max"] = tuple(values["state_max"])
         region = cls(**values)
         a = {n: stored[f"array_{n}"] for n in fields}
-        k = len(stored["labels"])
-        fits = a["x_train"].shape == (6, k) and a["y_train"].shape == (k, 2) and a["gamma"].ndim == 2
-        numbers = [v for v in a.values() if v.dtype.kind == "f"]
-        if not (fits and 0 < region.p_t < 1 and all(np.isfinite(v).all() for v in numbers)):
+        labels, evidence = stored["labels"], stored["evidence"]
+        k, cells = labels.size, region.cells
+        shapes = {
+            "scale": (6,),
+            "x_train": (6, k),
+            "y_train": (k, 2),
+            "gamma": (cells, cells),
+            "origin": (2,),
+        }
+        shapes |= {"neighbours": (), "cell": ()}
+        try:
+            region._check_parameters(k)
+            fits = all(a[n].shape == shape for n, shape in shapes.items()) and evidence.shape == (k, 2)
+            fits = fits and all(np.isfinite(v).all() for v in (*a.values(), evidence))
+            fits = fits and labels.shape == (k,) and bool(np.isin(labels, (0, 1)).all())
+            fits = fits and (a["scale"] > 0).all() and a["cell"] > 0 and 1 <= a["neighbours"] < k
+            fits = fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1
+        except (ValueError, TypeError) as error:
+            raise ResultError(f"{path} holds a region whose parts do not fit together") from error
+        if not fits:
             raise ResultError(f"{path} holds a region whose parts do not fit together")
         a["neighbours"], a["cell"] = int(a["neighbours"]), float(a["cell"])
         region.arrays_ = RegionArrays(**a)

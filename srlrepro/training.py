@@ -10,6 +10,7 @@ The products of a run, in one folder:
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,6 +31,7 @@ from srlrepro.files import beside, require_writable, write_arrays, write_json, w
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import provenance
 from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
+from srlrepro.safe_region import SafeRegion
 from srlrepro.supervisor import Hypothesis, Supervisor
 
 VISITED_FORMAT = "srlrepro-visited-1"
@@ -53,7 +55,7 @@ class Run:
 
     def __post_init__(self) -> None:
         check(self.alpha is None or 0 <= self.alpha <= 1, "alpha", self.alpha, "a number in [0, 1], or none")
-        check(self.delta > 0, "delta", self.delta, "a finite number > 0")
+        check(0 < self.delta < math.inf, "delta", self.delta, "a finite number > 0")
         for name, least in (("seed", 0), ("steps", 1)):
             value = getattr(self, name)
             check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
@@ -135,9 +137,11 @@ def train(
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
     env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
-    require_writable(folder)
+    for place in (folder, folder if checkpoint is None else checkpoint.parent):
+        require_writable(place)
     model, progress = make_learner(env, config, run.seed), Progress()
-    identity = {"run": asdict(run), "config": config.as_dict()}
+    learned = region.digest() if isinstance(region, SafeRegion) else type(region).__name__
+    identity = {"run": asdict(run), "config": config.as_dict(), "region": learned}
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
         report(f"going on from step {model.num_timesteps}")
@@ -165,6 +169,7 @@ def train(
             "no supervisor": evaluate(model, ThreeLinkCircleEnv(run.delta, config=config)),
         },
         "config": config.as_dict(),
+        "region": learned,
         "provenance": provenance(progress.seconds),
     }
     write_table(folder / "trials.csv", trials)

@@ -74,7 +74,7 @@ def test_label_of_a_state(capsys: pytest.CaptureFixture[str]) -> None:
         (["data", "--alpha", "1.5", "--out", "x"], ("alpha = 1.5", "[0, 1]")),
         (["data", "--alpha", "nan", "--out", "x"], ("alpha = nan", "[0, 1]")),
         (["data", "--alpha", "half", "--out", "x"], ("--alpha", "half")),
-        (["data", "--alpha", "0", "--out", "x", "--set", "k=1"], ("k = 1", "whole number in [2, inf)")),
+        (["data", "--alpha", "0", "--out", "x", "--set", "k=1"], ("k = 1", "whole number in [4, inf)")),
         (["data", "--alpha", "0", "--out", "x", "--set", "k=2.5"], ("k = 2.5", "whole number")),
         (["data", "--alpha", "0", "--out", "x", "--set", "p_t=1"], ("p_t = 1", "(0, 1)")),
         (["data", "--alpha", "0", "--out", "x", "--set", "q=1"], ("q = 1", "no such parameter")),
