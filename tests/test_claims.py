@@ -111,7 +111,13 @@ def test_other_conditions_are_no_level_of_alpha() -> None:
 
     for name in ("none", "early stop without K"):
         assert judge(up, value, alphas=("0", "0.5", "1", name)) is True
-        assert judge(trend, lambda c: c["delta"] * value(c), alphas=("0.5", "1", name)) is True
+        assert judge(trend, lambda c: c["delta"] * (value(c) + 1), alphas=("0", "0.5", "1", name)) is True
+
+
+def test_a_level_of_the_grid_that_was_not_measured_leaves_the_claim_undecided() -> None:
+    trend = claim("increasing", over="delta", for_each="alpha")
+    assert judge(trend, lambda c: c["delta"], alphas=("0", "0.5", "1")) is True
+    assert judge(trend, lambda c: c["delta"], alphas=("0.5", "1")) is None
 
 
 def test_comparison_of_cells() -> None:

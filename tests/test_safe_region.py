@@ -10,19 +10,12 @@ from conftest import Learned
 from numba import njit
 from sklearn.base import clone
 
+from srlrepro.assessment import RegionArrays, kernel_estimate, look_up, query, query_batch
 from srlrepro.config import Config, Paper
 from srlrepro.embedding import map_states
 from srlrepro.labels import ClosedLoop
 from srlrepro.pendulum import Floats
-from srlrepro.safe_region import (
-    RegionArrays,
-    SafeRegion,
-    _query_batch,
-    kernel_estimate,
-    learn,
-    look_up,
-    query,
-)
+from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import generate, known_states
 
 Draw = Callable[..., Floats]
@@ -209,7 +202,7 @@ def test_compiled_code_does_what_the_source_says(small: Learned, draw: Draw) -> 
     a, x = small[1].arrays_, draw(10)
     for state in x:
         np.testing.assert_allclose(query.py_func(a, state), query(a, state), rtol=1e-9)
-    np.testing.assert_array_equal(_query_batch.py_func(a, x), _query_batch(a, x))
+    np.testing.assert_array_equal(query_batch.py_func(a, x), query_batch(a, x))
     y = small[1].transform(x)
     for place in y:
         assert look_up.py_func(a.gamma, a.origin, a.cell, *place) == look_up(
