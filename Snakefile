@@ -218,7 +218,7 @@ rule choices:
     params:
         values=config["values"],
         parameters=parameters(
-            FIGURES=f"../{FIGURES}", ALPHAS=[float(a) for a in REGIONS], DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=4000
+            FIGURES=f"../{FIGURES}", ALPHAS=[float(a) for a in REGIONS], DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=2000
         ),
     shell:
         execute("09_choices")
