@@ -35,7 +35,7 @@ class Choices:
         "[2, inf)",
         "",
         "training steps of a full run",
-        "an exploratory free PPO at Δ = 1.1 levelled off near it",
+        "provisional: a free PPO at Δ = 1.1 levelled off near it in an exploratory prototype",
     )
     quick_steps: int = chosen(
         2048,

@@ -8,6 +8,7 @@ import jinja2
 
 from srlrepro.claims import load
 from srlrepro.config import Choices, Paper
+from srlrepro.evaluation import TEST_STATES
 from srlrepro.files import beside, read_json, read_table, write_json
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,6 +53,9 @@ def context() -> dict[str, Any]:
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
     return {
         "claims": load(),
+        "k": Paper.k,
+        "total_steps": Choices.total_steps,
+        "test_states": TEST_STATES,
         "stated": _parameters(Paper, "place"),
         "chosen": _parameters(Choices, "reason"),
         "regions": {f"{float(str(a)):g}": row.to_dict() for a, row in regions.iterrows()},
