@@ -40,9 +40,9 @@ class PendulumView:
     def __init__(self, paper: Paper, window: bool = False) -> None:
         if window:
             plt.ion()
-            self._figure = plt.figure(figsize=(4.8, 3.6))
+            self._figure = plt.figure(figsize=(4.8, 3.6), layout="constrained")
         else:
-            self._figure = Figure(figsize=(4.8, 3.6))
+            self._figure = Figure(figsize=(4.8, 3.6), layout="constrained")
             FigureCanvasAgg(self._figure)
         self._window = window
         ax = self._figure.add_subplot()
@@ -50,7 +50,6 @@ class PendulumView:
         (self._target,) = ax.plot([], [], "o", color=TARGET, label="target $p_d$")
         self._title = ax.set_title("")
         ax.legend(loc="lower right")
-        self._figure.tight_layout()
 
     def draw(self, joints: Floats, target: Sequence[float], title: str) -> None:
         """Show the joints [4, 2] and the target (2) in m under a title."""
@@ -88,13 +87,13 @@ def animate(
     """
     longest = max(len(joints) for _, joints, _ in clips)
     stride = max(1, round(1.0 / (fps * period)))
-    figure, axes = plt.subplots(1, len(clips), figsize=(3.6 * len(clips), 3.0), squeeze=False)
+    size = (3.6 * len(clips), 3.0)
+    figure, axes = plt.subplots(1, len(clips), figsize=size, squeeze=False, layout="constrained")
     lines = []
     for ax, (title, joints, color) in zip(axes[0], clips, strict=True):
         lines.append(draw_pendulum(ax, joints[0], paper, color, circle=False))
         ax.set_title(title, fontsize=10)
-    clock = figure.suptitle("", fontsize=10, y=0.02, va="bottom")
-    figure.tight_layout(rect=(0, 0.06, 1, 1))
+    clock = figure.suptitle("t = 0.00 s", fontsize=10)
 
     def frame(t: int) -> list[Line2D]:
         for line, (_, joints, _) in zip(lines, clips, strict=True):

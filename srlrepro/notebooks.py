@@ -149,8 +149,8 @@ def snapshot(notebook: Path) -> None:
     result.cells = [c for c in result.cells if "injected-parameters" not in c.metadata.get("tags", [])]
     for cell in result.cells:
         if cell.cell_type == "code":
-            cell.execution_count = None
             kept = cell.source.startswith(COMPARED)
+            cell.execution_count = cell.execution_count if kept else None  # nbval skips cells that never ran
             cell.outputs = [o for o in cell.outputs if kept and o.output_type == "stream"]
     with beside(notebook) as temporary:
         nbformat.write(result, temporary)

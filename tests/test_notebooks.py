@@ -1,6 +1,7 @@
 """The notebooks: every one runs at smoke size by nbval, and "executed" cannot be faked."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from srlrepro.notebooks import COMPARED, check_parameters, execute, parameters_o
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+MACHINE_PATH = r"[^\w.:]/(home|root|tmp|usr|work|Users)/"
 NAMES = [
     "01_pendulum",
     "02_training_data",
@@ -47,9 +49,14 @@ def nbval(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
     """A notebook that computes 2 × N, compares it, and writes it to a file."""
-    notebook = nbformat.v4.new_notebook()
+    language = {
+        "kernelspec": {"name": "python3", "display_name": "Python 3"},
+        "language_info": {"name": "python"},
+    }
+    notebook = nbformat.v4.new_notebook(metadata=language)
     parameters = nbformat.v4.new_code_cell("N = 1\nRATE = 0.5\nNAME = 'a'", metadata={"tags": ["parameters"]})
     result = nbformat.v4.new_code_cell(f"{COMPARED}\nprint(2 * N)\nopen('result.txt', 'w').write(str(2 * N))")
+    result.execution_count = 2
     result.outputs = [nbformat.v4.new_output("stream", name="stdout", text="2\n")]
     notebook.cells = [parameters, result]
     path = tmp_path / "small.ipynb"
@@ -129,7 +136,7 @@ def test_executed_means_ran_with_the_parameters(small: Path) -> None:
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("1 / 0", "cell 2: ZeroDivisionError: division by zero"),
+        ("1 / 0", "cell 1: ZeroDivisionError: division by zero"),
         ("import os\nos._exit(1)", "small.ipynb"),
         ("pass", "missing result"),
     ],
@@ -176,7 +183,7 @@ def test_the_executed_notebooks_of_the_quick_grid_are_complete() -> None:
 @pytest.mark.parametrize("path", executed(), ids=lambda p: p.stem)
 def test_executed_notebooks_ran_to_their_end(path: Path) -> None:
     assert path.stat().st_size < 1_000_000
-    assert str(ROOT) not in path.read_text()
+    assert re.search(MACHINE_PATH, path.read_text()) is None
     for cell in nbformat.read(path, as_version=4).cells:
         if cell.cell_type == "code":
             assert cell.execution_count is not None
