@@ -55,7 +55,9 @@ def small(tmp_path: Path) -> Path:
     }
     notebook = nbformat.v4.new_notebook(metadata=language)
     parameters = nbformat.v4.new_code_cell("N = 1\nRATE = 0.5\nNAME = 'a'", metadata={"tags": ["parameters"]})
-    result = nbformat.v4.new_code_cell(f"{COMPARED}\nprint(2 * N)\nopen('result.txt', 'w').write(str(2 * N))")
+    result = nbformat.v4.new_code_cell(
+        f"{COMPARED}\nprint(2 * N)\n_ = open('result.txt', 'w').write(str(2 * N))"
+    )
     result.execution_count = 2
     result.outputs = [nbformat.v4.new_output("stream", name="stdout", text="2\n")]
     notebook.cells = [parameters, result]
