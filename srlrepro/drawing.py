@@ -48,8 +48,10 @@ class PendulumView:
         ax = self._figure.add_subplot()
         self._line = draw_pendulum(ax, np.zeros((4, 2)), paper)
         (self._target,) = ax.plot([], [], "o", color=TARGET, label="target $p_d$")
-        self._title = ax.set_title("")
+        self._title = ax.set_title("t = 0.00 s")
         ax.legend(loc="lower right")
+        self._figure.draw_without_rendering()  # lays the axes out, once for all pictures
+        self._figure.set_layout_engine("none")
 
     def draw(self, joints: Floats, target: Sequence[float], title: str) -> None:
         """Show the joints [4, 2] and the target (2) in m under a title."""
