@@ -4,7 +4,7 @@ Registered as ``srlrepro/ThreeLinkCircle-v0``. The same environment serves every
 supervisor is a wrapper around it.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from srlrepro.config import Config, Paper, check
 from srlrepro.drawing import PendulumView
-from srlrepro.labels import HIT_GROUND, ClosedLoop, Limits, RecoveryRule, hold_torque
+from srlrepro.labels import HIT_GROUND, NOT_RECOVERED, ClosedLoop, Limits, RecoveryRule, hold_torque
 from srlrepro.pendulum import (
     Coefficients,
     Floats,
@@ -26,7 +26,8 @@ from srlrepro.pendulum import (
 )
 
 Circle = tuple[float, float, float]  # height of the centre (m), radius (m), speed (rad/s)
-TIME_LIMIT, FELL, DIVERGED = "time limit", "hit the ground", "diverged"
+TIME_OVER = 10  # beside the outcomes of `hold_torque`
+ENDS = {0: "", HIT_GROUND: "hit the ground", NOT_RECOVERED: "diverged", TIME_OVER: "time limit"}
 
 
 @jit
@@ -40,44 +41,55 @@ def target(circle: Circle, t: float) -> tuple[float, float]:
     return radius * np.sin(speed * t), height + radius * np.cos(speed * t)
 
 
+class Task(NamedTuple):
+    """The task as compiled code takes it.
+
+    Attributes:
+        coefficients, lengths: of the pendulum; limits: of the integration and of a trial.
+        circle: height of its centre (m), radius (m), speed (rad/s).
+        reward: (R_c, penalty per metre); torque_limit: N·m.
+        scale: [6] units of the observed state; control_period: s; periods: of a trial.
+    """
+
+    coefficients: Coefficients
+    lengths: Torque
+    limits: Limits
+    circle: Circle
+    reward: tuple[float, float]
+    torque_limit: float
+    scale: Floats
+    control_period: float
+    periods: int
+
+
 @jit
-def advance(
-    coefficients: Coefficients,
-    lengths: Torque,
-    limits: Limits,
-    circle: Circle,
-    reward: tuple[float, float],
-    torque_limit: float,
-    state: State,
-    action: Torque,
-    t: float,
-) -> tuple[State, float, int]:
-    """One control period that starts at time t: (state, R, 0 or the outcome that ends the trial).
+def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
+    """One control period, the so-manieth of a trial (from 0): (state, R, why the trial ends or 0).
 
     action: 3-tuple in [-1, 1], limited here and scaled to the torque limit. R is that of the state and
     the target at the end of the period.
     """
     u = (
-        torque_limit * min(max(action[0], -1.0), 1.0),
-        torque_limit * min(max(action[1], -1.0), 1.0),
-        torque_limit * min(max(action[2], -1.0), 1.0),
+        task.torque_limit * min(max(action[0], -1.0), 1.0),
+        task.torque_limit * min(max(action[1], -1.0), 1.0),
+        task.torque_limit * min(max(action[2], -1.0), 1.0),
     )
-    state, outcome = hold_torque(coefficients, limits, state, u)
-    px, py = tip(lengths, state)
-    dx, dy = target(circle, t + limits[0] * limits[1])
-    return (
-        state,
-        reward[0] - reward[1] * np.hypot(px - dx, py - dy),
-        outcome,
-    )  # App. C: R = R_c − 10 ‖p_e − p_d‖
+    state, ended = hold_torque(task.coefficients, task.limits, state, u)
+    px, py = tip(task.lengths, state)
+    dx, dy = target(task.circle, (period + 1) * task.control_period)
+    reward = task.reward[0] - task.reward[1] * np.hypot(px - dx, py - dy)  # App. C: R = R_c − 10 ‖p_e − p_d‖
+    if ended == 0 and period + 1 >= task.periods:
+        ended = TIME_OVER
+    return state, reward, ended
 
 
 @jit
-def observe(scale: Floats, circle: Circle, state: State, t: float, out: NDArray[np.float32]) -> None:
-    """Observation [8] of a state at time t: the state in units of ``scale``, and the target's phase."""
+def observe(task: Task, state: State, period: int, out: NDArray[np.float32]) -> None:
+    """Observation [8]: the state in units of ``scale``, sine and cosine of the target's phase."""
     for j in range(6):
-        out[j] = state[j] / scale[j]
-    out[6], out[7] = np.sin(circle[2] * t), np.cos(circle[2] * t)
+        out[j] = state[j] / task.scale[j]
+    phase = task.circle[2] * (period * task.control_period)
+    out[6], out[7] = np.sin(phase), np.cos(phase)
 
 
 class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -120,15 +132,23 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         loop = ClosedLoop.from_config(config, delta)
         self.pendulum: ThreeLinkPendulum = loop.system
         self.rule: RecoveryRule = loop.rule
-        self.trial_periods = round(length / self.rule.control_period)
         self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
         self.state: Floats = np.zeros(6)
         self.period = 0
         scaled = config.choices.observation == "scaled"
         self.observation_scale: Floats = np.array(paper.state_max) if scaled else np.ones(6)
-        self._circle = (paper.circle_height, paper.circle_radius, paper.circle_speed)
-        self._reward = (paper.reward_constant, paper.reward_slope)
+        self.arrays = Task(
+            self.pendulum.coefficients,
+            self.pendulum.lengths,
+            self.rule.limits,
+            (paper.circle_height, paper.circle_radius, paper.circle_speed),
+            (paper.reward_constant, paper.reward_slope),
+            paper.torque_limit,
+            self.observation_scale,
+            self.rule.control_period,
+            round(length / self.rule.control_period),
+        )
         self._view: PendulumView | None = None
 
     @property
@@ -146,37 +166,25 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.state, self.period = start.copy(), 0
         if self.render_mode == "human":
             self.render()
-        return self._observation(), {"outcome": ""}
+        return self.observation(), {"outcome": ""}
 
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """One control period."""
         a = np.asarray(action, dtype=np.float64)
-        state, reward, ended = advance(
-            self.pendulum.coefficients,
-            self.pendulum.lengths,
-            self.rule.limits,
-            self._circle,
-            self._reward,
-            self.config.paper.torque_limit,
-            as_state(self.state),
-            (a[0], a[1], a[2]),
-            self.time,
-        )
+        state, reward, ended = advance(self.arrays, as_state(self.state), (a[0], a[1], a[2]), self.period)
         self.state, self.period = np.array(state), self.period + 1
-        terminated = ended != 0
-        truncated = not terminated and self.period >= self.trial_periods
-        outcome = (
-            (FELL if ended == HIT_GROUND else DIVERGED) if terminated else TIME_LIMIT if truncated else ""
-        )
+        truncated = ended == TIME_OVER
+        terminated = ended != 0 and not truncated
         if self.render_mode == "human":
             self.render()
-        return self._observation(), float(reward), terminated, truncated, {"outcome": outcome}
+        return self.observation(), float(reward), terminated, truncated, {"outcome": ENDS[ended]}
 
-    def _observation(self) -> NDArray[np.float32]:
+    def observation(self) -> NDArray[np.float32]:
+        """What π sees now, [8]."""
         out = np.empty(8, np.float32)
-        observe(self.observation_scale, self._circle, as_state(self.state), self.time, out)
+        observe(self.arrays, as_state(self.state), self.period, out)
         return out
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -187,7 +195,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._view is None:
             self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
         joints = self.pendulum.joints(self.state)[0]
-        self._view.draw(joints, target(self._circle, self.time), f"t = {self.time:.2f} s")
+        self._view.draw(joints, target(self.arrays.circle, self.time), f"t = {self.time:.2f} s")
         if self.render_mode == "human":
             self._view.show(1.0 / self.metadata["render_fps"])
             return None

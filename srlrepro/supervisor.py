@@ -1,17 +1,51 @@
 """The supervisor of eq. (6): π(x) until the first predicted-unsafe state, then K(x), then a new trial."""
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from srlrepro.assessment import RegionArrays, query
 from srlrepro.config import ParameterError
-from srlrepro.env import ThreeLinkCircleEnv
-from srlrepro.labels import OUTCOMES, ClosedLoop, Labels, Rollouts
-from srlrepro.lqg import LQG
+from srlrepro.env import TIME_OVER, Task, ThreeLinkCircleEnv
+from srlrepro.labels import OUTCOMES, ClosedLoop, Labels, Rollouts, recover
+from srlrepro.lqg import LQG, Gains
+from srlrepro.pendulum import Floats, jit
+from srlrepro.safe_region import SafeRegion
 
 SUPERVISED = "supervised"
+
+
+class Guard(NamedTuple):
+    """A supervisor whose hypothesis is a `SafeRegion`, as compiled code takes it.
+
+    Attributes:
+        active: False: nobody watches, and the rest is not read.
+        region, p_t: h(x) = 1 if Γ(Ψ(x)) > p_t.
+        gains, periods: of K, which has so many periods to recover the system.
+        terminates: an activation of K ends the trial for the learner; False: cuts it off.
+    """
+
+    active: bool
+    region: RegionArrays
+    p_t: float
+    gains: Gains
+    periods: int
+    terminates: bool
+
+
+@jit
+def watch(guard: Guard, task: Task, x: Floats, ended: int) -> tuple[int, int]:
+    """After a period of π, at x [6]: (outcome of K, its control periods), or (0, 0) if K is not needed.
+
+    ended: what `advance` says of the trial.
+    """
+    if not guard.active or not (ended == 0 or ended == TIME_OVER):
+        return 0, 0
+    if query(guard.region, x)[2] > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
+        return 0, 0
+    return recover(task.coefficients, guard.gains, task.limits, guard.periods, x, np.empty((0, 6)))
 
 
 class Hypothesis(Protocol):
@@ -93,5 +127,27 @@ class Supervisor(
             truncated = not terminated
         return observation, float(reward), terminated, truncated, info
 
+    @property
+    def guard(self) -> Guard:
+        """This supervisor for `watch`.
+
+        Raises:
+            ParameterError: its hypothesis is not a `SafeRegion`.
+        """
+        if not isinstance(self.region, SafeRegion):
+            raise ParameterError(
+                f"region = a {type(self.region).__name__}: must be a SafeRegion in compiled code"
+            )
+        _, gains, _, periods = self.loop.kernel_arguments
+        ends = self.task.config.choices.early_stop == "terminate"
+        return Guard(True, self.region.arrays_, self.region.p_t, gains, periods, ends)
+
     def _predicted_safe(self) -> bool:
         return bool(self.region.predict(self.task.state)[0] == 1)
+
+
+def nobody() -> Guard:
+    """The guard of an environment without a supervisor."""
+    none, table = np.zeros(0), np.zeros((0, 0))
+    region = RegionArrays(none, table, table, 0, table, none, 0.0)
+    return Guard(False, region, 0.0, (table, table, table, table, 0.0), 0, True)

@@ -24,6 +24,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 
+from srlrepro.compiled_ppo import CompiledPPO
 from srlrepro.checkpoint import Progress, restore
 from srlrepro.config import Config, check, condition
 from srlrepro.env import ThreeLinkCircleEnv
@@ -82,7 +83,8 @@ def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any
 def make_learner(env: gym.Env[Any, Any], config: Config, seed: int) -> PPO:
     """PPO with the parameters of App. C; everything else is stable-baselines3's default, or a `Choices`."""
     p, c = config.paper, config.choices
-    return PPO(
+    learner = CompiledPPO if c.learner == "compiled" else PPO
+    return learner(
         "MlpPolicy",
         Monitor(env),
         learning_rate=p.learning_rate,

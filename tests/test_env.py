@@ -179,15 +179,14 @@ def test_the_same_actions_give_the_same_trial() -> None:
 
 def test_compiled_code_does_what_the_source_says() -> None:
     env = ThreeLinkCircleEnv(1.5)
-    p, state = env.pendulum, (0.1, -0.2, 0.3, 1.0, -2.0, 3.0)
-    system, task = (p.coefficients, p.lengths, env.rule.limits), (CIRCLE, (2.0, 10.0), 100.0)
-    now = state, (0.3, -3.0, 1.0), 0.7
-    fast, slow = advance(*system, *task, *now), advance.py_func(*system, *task, *now)
+    task, state = env.arrays, (0.1, -0.2, 0.3, 1.0, -2.0, 3.0)
+    now = state, (0.3, -3.0, 1.0), 70
+    fast, slow = advance(task, *now), advance.py_func(task, *now)
     np.testing.assert_allclose(fast[0], slow[0], rtol=1e-9)
     assert fast[1:] == pytest.approx(slow[1:])
     out = np.empty((2, 8))
-    observe(np.ones(6), CIRCLE, state, 0.7, out[0])
-    observe.py_func(np.ones(6), CIRCLE, state, 0.7, out[1])
+    observe(task, state, 70, out[0])
+    observe.py_func(task, state, 70, out[1])
     np.testing.assert_allclose(*out)
 
 

@@ -80,7 +80,7 @@ def test_the_hypothesis_reads_every_state_once() -> None:
     env.reset()
     states.append(env.task.state)
     policy = random_policy(2)
-    while len(states) <= env.task.trial_periods:
+    while len(states) <= env.task.arrays.periods:
         env.step(policy())
         states.append(env.task.state)
     np.testing.assert_array_equal(np.vstack(region.asked), np.vstack(states))  # type: ignore[attr-defined]
@@ -139,7 +139,7 @@ def test_a_trial_that_diverges_is_not_supervised() -> None:
 def test_a_safe_trial_lasts_until_the_time_limit() -> None:
     env = supervise(unsafe_at(1000), trial_length=0.2)
     steps = trial(env)
-    assert len(steps) == env.task.trial_periods
+    assert len(steps) == env.task.arrays.periods
     assert steps[-1][2:] == (False, True, {"outcome": "time limit", **QUIET})
     assert all(step[2:] == (False, False, {"outcome": "", **QUIET}) for step in steps[:-1])
 

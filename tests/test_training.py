@@ -110,8 +110,8 @@ def test_evaluation_is_one_trial() -> None:
     """Of a policy that does nothing: the target is 2 r |sin(πt / 2)| away."""
     idle: Any = SimpleNamespace(predict=lambda observation, deterministic: (np.zeros(3), None))
     env = ThreeLinkCircleEnv(config=CONFIG)
-    t = env.rule.control_period * np.arange(1, env.trial_periods + 1)
-    expected = {"length": env.trial_periods, "outcome": "time limit"}
+    t = env.rule.control_period * np.arange(1, env.arrays.periods + 1)
+    expected = {"length": env.arrays.periods, "outcome": "time limit"}
     found = evaluate(idle, env)
     assert found.pop("return") == pytest.approx((2 - 6 * np.sin(np.pi * t / 2)).sum())
     assert found == expected
