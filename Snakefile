@@ -21,7 +21,9 @@ def modules(*names):
 PHYSICS = modules("pendulum", "lqg", "labels")
 DATA = [*PHYSICS, *modules("sampling")]
 REGION = [*DATA, *modules("embedding", "assessment", "safe_region")]
-LEARNING = [*REGION, *modules("env", "supervisor", "checkpoint", "recording", "training", "evaluation")]
+TASK = [*REGION, *modules("env", "supervisor")]
+LEARNER = modules("network", "updating", "rollout", "sharing", "replay", "compiled_ppo")
+LEARNING = [*TASK, *LEARNER, *modules("checkpoint", "recording", "training", "evaluation")]
 
 
 def region_of(wildcards):

@@ -7,6 +7,8 @@ stock PPO takes them from, in the same order: the same seed gives the run of sto
 
 import numpy as np
 import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -19,7 +21,7 @@ from torch import nn
 
 from srlrepro.config import check
 from srlrepro.replay import Stack
-from srlrepro.rollout import Steps, advantages, blank, collect
+from srlrepro.rollout import Steps, advantages, blank, collect, values
 from srlrepro.sharing import Shared, addresses, share
 from srlrepro.updating import STATISTICS, Loss, Optimizer, Samples, update
 
@@ -28,9 +30,10 @@ class CompiledPPO(PPO):
     """PPO for `ThreeLinkCircleEnv`, bare or under a `Supervisor` with a `SafeRegion`.
 
     ``save``, ``load``, ``predict``, ``evaluate_policy``, the logger and the callbacks work as with stock PPO.
-    Callbacks see every step, with the local variables of stock PPO, but after the rollout is complete: one
-    that changes the policy or the environment in the middle of a rollout acts from the next one on. Where one
-    stops the training, the task stands where it stood at that step, but the noise of the rollout is spent.
+    Callbacks see every step, with what stock PPO tells them of it (but for the tensors of π and V), after
+    the rollout is complete: one that changes the policy or the environment in the middle of a rollout acts
+    from the next one on. Where one stops the training, the task stands where it stood at that step, but the
+    noise of the rollout is spent.
 
     Raises:
         ParameterError: a setting of stock PPO that the compiled code does not cover.
@@ -63,7 +66,7 @@ class CompiledPPO(PPO):
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_shared"]
 
-    def _arrays(self) -> Shared:
+    def arrays(self) -> Shared:
         """The policy's numbers; shared anew if something has moved them (`load` does)."""
         if self._shared is None or self._shared.addresses != addresses(self.policy):
             self._shared = share(self.policy, self.batch_size)
@@ -78,70 +81,62 @@ class CompiledPPO(PPO):
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
-        steps, task = blank(n_rollout_steps), stack.task
+        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.arrays()
         # with a stride, torch draws one number after the other, as it does for one action at a time
         noise = torch.empty(2 * steps.actions.size)[::2].normal_().numpy().reshape(steps.actions.shape)
-        x = task.state.copy()
-        period, last_value = collect(
-            task.arrays,
-            stack.guard,
-            self._arrays().policy,
-            np.ascontiguousarray(noise),
-            self.gamma,
-            x,
-            task.period,
-            float(self._last_episode_starts[0]),
-            steps,
+        start, x = float(self._last_episode_starts[0]), task.state.copy()
+        period = collect(
+            task.arrays, stack.guard, policy, np.ascontiguousarray(noise), x, task.period, start, steps
         )
         stack.place(x, period)
-        if not self._replay(stack, steps, env, callback, rollout_buffer):
+        expected = np.empty(n_rollout_steps + 1, np.float32)
+        values(learner.critic, learner.critic_passes, steps.observations, expected)
+        dones = (steps.ended != 0) | (steps.recoveries != 0)
+        if not self._replay(stack, steps, dones, callback):
             return False
-        for name in ("observations", "actions", "rewards", "episode_starts", "values", "log_probs"):
+        rewards = steps.rewards.astype(np.float32)
+        cut_off = np.flatnonzero(steps.cut_off)
+        left = np.empty(cut_off.size, np.float32)
+        values(learner.critic, learner.critic_passes, steps.reached[cut_off], left)
+        rewards[cut_off] += np.float32(self.gamma) * left
+        for name in ("actions", "episode_starts", "log_probs"):
             getattr(rollout_buffer, name)[:, 0] = getattr(steps, name)
+        rollout_buffer.observations[:, 0], rollout_buffer.rewards[:, 0] = steps.observations[:-1], rewards
+        rollout_buffer.values[:, 0] = expected[:-1]
         rollout_buffer.pos, rollout_buffer.full = n_rollout_steps, True
         gae, returns = rollout_buffer.advantages[:, 0], rollout_buffer.returns[:, 0]
-        advantages(steps, last_value, self.gamma, self.gae_lambda, gae, returns)
+        advantages(rewards, expected, dones, (self.gamma, self.gae_lambda), gae, returns)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
 
-    def _replay(
-        self,
-        stack: Stack,
-        steps: Steps,
-        env: VecEnv,
-        callback: BaseCallback,
-        rollout_buffer: RolloutBuffer,
-    ) -> bool:
-        """Show every step to the callbacks; if one says stop, everything stands where it stands after that step."""
-        n_rollout_steps = len(steps.values)
-        observations = np.concatenate([steps.observations, stack.task.observation()[None]])[:, None]
-        actions, rewards = steps.actions[:, None], steps.raw_rewards.astype(np.float32)[:, None]
-        clipped = np.clip(actions, self.action_space.low, self.action_space.high)  # type: ignore[attr-defined]
-        dones = ((steps.ended != 0) | (steps.recoveries != 0))[:, None]
-        values, log_probs = (torch.from_numpy(v) for v in (steps.values[:, None, None], steps.log_probs[:, None]))
-        shown = {"self": self, "env": env, "callback": callback, "rollout_buffer": rollout_buffer}
-        shown["n_rollout_steps"] = n_rollout_steps
-        for n, info in enumerate(stack.infos(steps)):
+    def _replay(self, stack: Stack, steps: Steps, dones: NDArray[np.bool_], callback: BaseCallback) -> bool:
+        """Show every step to the callbacks; if one says stop, all stands where it stood after that step."""
+        assert isinstance(self.action_space, Box)
+        clipped = np.clip(steps.actions, self.action_space.low, self.action_space.high)
+        columns = (steps.actions, clipped, steps.observations[1:], steps.rewards.astype(np.float32), dones)
+        rows = zip(*(list(column[:, None]) for column in columns), stack.infos(steps), strict=True)
+        n_rollout_steps = len(dones)
+        callback.update_locals(locals())
+        for n, (action, limited, reached, reward, done, info) in enumerate(rows):
             self.num_timesteps += 1
-            step = {
-                "n_steps": n,
-                "actions": actions[n],
-                "clipped_actions": clipped[n],
-                "values": values[n],
-                "log_probs": log_probs[n],
-                "new_obs": observations[n + 1],
-                "rewards": rewards[n],
-                "dones": dones[n],
-                "infos": [info],
-            }
-            callback.update_locals(shown | step)
+            callback.update_locals(
+                {
+                    "n_steps": n,
+                    "actions": action,
+                    "clipped_actions": limited,
+                    "new_obs": reached,
+                    "rewards": reward,
+                    "dones": done,
+                    "infos": [info],
+                }
+            )
             if not callback.on_step():
                 stack.rewind(steps, n)
                 return False
-            if dones[n, 0]:
-                self._update_info_buffer([info], dones[n])
-        self._last_obs, self._last_episode_starts = observations[-1].copy(), dones[-1]
+            if done[0]:
+                self._update_info_buffer([info], done)
+        self._last_obs, self._last_episode_starts = steps.observations[-1:].copy(), dones[-1:].copy()
         return True
 
     def train(self) -> None:
@@ -149,7 +144,7 @@ class CompiledPPO(PPO):
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
         clip_range = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
-        learner, buffer, optimizer = self._arrays().learner, self.rollout_buffer, self.policy.optimizer
+        learner, buffer, optimizer = self.arrays().learner, self.rollout_buffer, self.policy.optimizer
         group, states = optimizer.param_groups[0], list(optimizer.state.values())
         # the generator and the order of calls are those of the buffer's own sampling
         orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002

@@ -94,9 +94,18 @@ def map_state(
             squared[i] += (row[i] - value) * (row[i] - value)
     if skip >= 0:
         squared[skip] = np.inf
+    # the largest of the minima over disjoint sets, one per neighbour, bounds the distances sought from above
+    lowest = np.full(neighbours, np.inf)
+    for start in range(0, k - neighbours + 1, neighbours):
+        for j in range(neighbours):
+            lowest[j] = min(lowest[j], squared[start + j])
+    bound, candidates, count = lowest.max(), np.empty(k, np.int64), 0
+    for i in range(k):
+        candidates[count] = i
+        count += squared[i] <= bound
     nearest = np.full(neighbours, np.inf)
     index = np.zeros(neighbours, np.int64)
-    for i in range(k):
+    for i in candidates[:count]:
         if squared[i] < nearest[neighbours - 1]:
             j = neighbours - 1
             while j > 0 and nearest[j - 1] > squared[i]:

@@ -48,12 +48,14 @@ class Passes(NamedTuple):
         across: the same, [B, in].
         deltas: gradients of the loss by the layer's sums W a + b, [out, B]; the last is the caller's to fill.
         output: [out, B] of the last layer.
+        ones: [B], to sum over samples.
     """
 
     inputs: tuple[Reals, ...]
     across: tuple[Reals, ...]
     deltas: tuple[Reals, ...]
     output: Reals
+    ones: Reals
 
 
 def passes(network: Network, samples: int) -> Passes:
@@ -65,6 +67,7 @@ def passes(network: Network, samples: int) -> Passes:
         tuple(np.zeros((samples, inputs), kind) for _, inputs in shapes),
         tuple(np.zeros((outputs, samples), kind) for outputs, _ in shapes),
         np.zeros((shapes[-1][0], samples), kind),
+        np.ones(samples, kind),
     )
 
 
@@ -122,16 +125,15 @@ def forward(network: Network, memory: Passes) -> None:
 @jit
 def backward(network: Network, memory: Passes, gradient: Network) -> None:
     """From the last of ``deltas`` to the gradient of every weight and bias."""
-    for layer in range(len(network.weights) - 1, -1, -1):
+    last = len(network.weights) - 1
+    for layer in range(last, -1, -1):
         delta, received = memory.deltas[layer], memory.inputs[layer]
-        transpose(received, memory.across[layer])
-        np.dot(delta, memory.across[layer], gradient.weights[layer])
-        bias = gradient.biases[layer]
-        for i in range(delta.shape[0]):
-            total = delta[i, 0]
-            for j in range(1, delta.shape[1]):
-                total += delta[i, j]
-            bias[i] = total
+        if layer == last:  # few rows: a transposed right factor costs less than a transposition
+            np.dot(delta, received.T, gradient.weights[layer])
+        else:
+            transpose(received, memory.across[layer])
+            np.dot(delta, memory.across[layer], gradient.weights[layer])
+        np.dot(delta, memory.ones, gradient.biases[layer])
         if layer > 0:
             below = memory.deltas[layer - 1]
             np.dot(network.weights[layer].T, delta, below)

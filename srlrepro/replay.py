@@ -64,17 +64,15 @@ class Stack:
         Trials are entered into the Monitor's books on the way.
         """
         monitor, dt = self.monitor, self.task.rule.control_period
-        rewards, ended = steps.raw_rewards.tolist(), steps.ended.tolist()
-        recoveries, durations = steps.recoveries.tolist(), steps.recovery_periods.tolist()
-        ends_it = self.guard.terminates
-        for n, (reward, end, recovery) in enumerate(zip(rewards, ended, recoveries, strict=True)):
+        lists = (steps.rewards, steps.ended, steps.cut_off, steps.recoveries)
+        told = enumerate(zip(*(numbers.tolist() for numbers in lists), strict=True))
+        for n, (reward, end, cut_off, recovery) in told:
             info: dict[str, Any] = {"outcome": SUPERVISED if recovery else ENDS[end]}
             if self.supervisor is not None:
                 info["activated"] = recovery != 0
                 info["recovery"] = OUTCOMES[recovery] if recovery else ""
-                info["recovery_time"] = durations[n] * dt
-            cut_off = not ends_it if recovery else ENDS[end] == "time limit"
-            info["TimeLimit.truncated"] = cut_off
+                info["recovery_time"] = int(steps.recovery_periods[n]) * dt if recovery else 0.0
+            info["TimeLimit.truncated"] = bool(cut_off)
             monitor.rewards.append(reward)
             monitor.total_steps += 1
             if end or recovery:

@@ -1,6 +1,5 @@
-"""A policy of stable-baselines3 and the state of its optimiser as arrays that compiled code changes in place."""
+"""A policy of stable-baselines3 and the state of its optimiser as arrays that compiled code changes."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import torch
@@ -32,8 +31,12 @@ def addresses(policy: ActorCriticPolicy) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _network(layers: Iterable[nn.Linear], views: dict[nn.Parameter, torch.Tensor]) -> Network:
-    layers = list(layers)
+def _linear(*modules: nn.Module) -> list[nn.Linear]:
+    """The layers of one of the policy's two networks, first to last."""
+    return [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
+
+
+def _network(layers: list[nn.Linear], views: dict[torch.Tensor, torch.Tensor]) -> Network:
     weights = tuple(views[layer.weight].numpy() for layer in layers)
     return Network(weights, tuple(views[layer.bias].numpy() for layer in layers))
 
@@ -43,11 +46,14 @@ def share(policy: ActorCriticPolicy, batch: int) -> Shared:
 
     batch: samples of a minibatch.
     """
-    parameters = list(policy.parameters())
+    parameters: list[torch.Tensor] = list(policy.parameters())
     sizes = [-(-p.numel() // ALIGNMENT) * ALIGNMENT for p in parameters]
     flats = [torch.zeros(sum(sizes), dtype=parameters[0].dtype) for _ in range(4)]
     values, gradients, *moments = (
-        {p: part[: p.numel()].view(p.shape) for p, part in zip(parameters, flat.split(sizes), strict=True)}
+        {
+            p: part[: p.numel()].view(p.shape)
+            for p, part in zip(parameters, torch.split(flat, sizes), strict=True)
+        }
         for flat in flats
     )
     for p in parameters:
@@ -59,24 +65,24 @@ def share(policy: ActorCriticPolicy, batch: int) -> Shared:
             state[name] = views[p]
         values[p].copy_(p.data)
         p.data = values[p]
-    bodies = policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net
-    actor, critic = (
-        [*(layer for layer in body if isinstance(layer, nn.Linear)), head]
-        for body, head in zip(bodies, (policy.action_net, policy.value_net), strict=True)
-    )
+    actor = _linear(policy.mlp_extractor.policy_net, policy.action_net)
+    critic = _linear(policy.mlp_extractor.value_net, policy.value_net)
     networks = _network(actor, values), _network(critic, values)
     actor_passes, critic_passes = (passes(network, batch) for network in networks)
-    both = critic_passes._replace(inputs=(actor_passes.inputs[0], *critic_passes.inputs[1:]))
-    log_std = values[policy.log_std].numpy()
+    critic_passes = critic_passes._replace(inputs=(actor_passes.inputs[0], *critic_passes.inputs[1:]))
+    log_std, by_log_std = values[policy.log_std].numpy(), gradients[policy.log_std].numpy()
+    by_parameters = _network(actor, gradients), _network(critic, gradients)
+    arrays = [flat.numpy() for flat in flats]
     learner = Learner(
         *networks,
         log_std,
-        _network(actor, gradients),
-        _network(critic, gradients),
-        gradients[policy.log_std].numpy(),
-        *(flat.numpy() for flat in flats),
+        *by_parameters,
+        by_log_std,
+        arrays[0],
+        arrays[1],
+        arrays[2],
+        arrays[3],
         actor_passes,
-        both,
+        critic_passes,
     )
-    acting = Policy(*networks, log_std, *(passes(network, 1) for network in networks))
-    return Shared(learner, acting, addresses(policy))
+    return Shared(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy))

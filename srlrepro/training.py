@@ -24,8 +24,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 
-from srlrepro.compiled_ppo import CompiledPPO
 from srlrepro.checkpoint import Progress, restore
+from srlrepro.compiled_ppo import CompiledPPO
 from srlrepro.config import Config, check, condition
 from srlrepro.env import ThreeLinkCircleEnv
 from srlrepro.files import beside, require_writable, write_arrays, write_json, write_table

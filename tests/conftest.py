@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -15,9 +14,6 @@ from srlrepro.config import Config
 from srlrepro.pendulum import Floats
 from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import TrainingData, generate
-
-if TYPE_CHECKING:  # it takes seconds to import, and only the tests of training need it
-    from srlrepro.training import Run
 
 Learned = tuple[TrainingData, SafeRegion]
 
@@ -61,13 +57,11 @@ def full() -> dict[float, Learned]:
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> "dict[Run, Path]":
-    """The folders of small runs that nothing interrupted and that wrote no checkpoints."""
-    from runs import CONFIG, PAIRS, quiet
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The folders of small runs that nothing interrupted and that wrote no checkpoints, by name."""
+    from runs import CASES
 
-    from srlrepro.training import train
-
-    folders = {run: tmp_path_factory.mktemp("whole") for run, _ in PAIRS}
-    for run, region in PAIRS:
-        train(run, CONFIG, region, folders[run], report=quiet)
+    folders = {case.name: tmp_path_factory.mktemp("whole") for case in CASES}
+    for case in CASES:
+        case.train(folders[case.name])
     return folders

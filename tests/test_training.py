@@ -3,6 +3,7 @@
 import io
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ import pandas as pd
 import pytest
 import torch
 from conftest import Learned
-from runs import CONDITIONS, CONFIG, FREE, NARROW, NARROW_ANGLE, SUPERVISED, UPDATE, UPDATES, products, quiet
+from runs import CONDITIONS, CONFIG, FREE, NARROW, STOCK, SUPERVISED, UPDATE, UPDATES, Case, products, quiet
 from stable_baselines3 import PPO
 
 from srlrepro.config import Config
@@ -33,14 +34,11 @@ from srlrepro.training import (
 
 
 @CONDITIONS
-def test_trained_twice_gives_the_same_numbers(
-    run: Run, region: Hypothesis | None, whole: dict[Run, Path], tmp_path: Path
-) -> None:
-    train(run, CONFIG, region, tmp_path, report=quiet)
-    assert products(tmp_path) == products(whole[run])
-    other = Run(run.alpha, run.delta, run.seed + 1, run.steps)
-    train(other, CONFIG, region, tmp_path, report=quiet)
-    assert products(tmp_path)["visited"] != products(whole[run])["visited"]
+def test_trained_twice_gives_the_same_numbers(case: Case, whole: dict[str, Path], tmp_path: Path) -> None:
+    case.train(tmp_path)
+    assert products(tmp_path) == products(whole[case.name])
+    replace(case, run=replace(case.run, seed=case.run.seed + 1)).train(tmp_path)
+    assert products(tmp_path)["visited"] != products(whole[case.name])["visited"]
 
 
 @pytest.mark.parametrize("where", ["folder", "checkpoint"])
@@ -59,8 +57,8 @@ def test_a_folder_that_cannot_be_written_is_found_out_before_training(
 
 
 @CONDITIONS
-def test_counts_and_curves_add_up(run: Run, region: Hypothesis | None, whole: dict[Run, Path]) -> None:
-    folder = whole[run]
+def test_counts_and_curves_add_up(case: Case, whole: dict[str, Path]) -> None:
+    folder, run, region = whole[case.name], case.run, case.region
     trials, curve = (pd.read_csv(folder / name) for name in ("trials.csv", "curve.csv"))
     result = json.loads((folder / "run.json").read_text())
     counts = result["counts"]
@@ -80,29 +78,32 @@ def test_counts_and_curves_add_up(run: Run, region: Hypothesis | None, whole: di
     total = (curve["reward_per_step"] * curve["mean_length"] * curve["trials"]).sum()
     assert total == pytest.approx(trials["return"].sum())
     assert result["run"] == {"alpha": run.alpha, "delta": run.delta, "seed": run.seed, "steps": run.steps}
-    assert result["config"] == CONFIG.as_dict()
+    assert result["config"] == case.config.as_dict()
 
 
 @CONDITIONS
 def test_visited_states_are_those_that_the_steps_reach(
-    run: Run, region: Hypothesis | None, whole: dict[Run, Path], tmp_path: Path
+    case: Case, whole: dict[str, Path], tmp_path: Path
 ) -> None:
     """A trial ends where the state is out of bounds, and nowhere else but at the time limit."""
-    every = read_arrays(whole[run] / "visited.npz", VISITED_FORMAT, ("x",))["x"]
-    trials = pd.read_csv(whole[run] / "trials.csv")
-    bound = CONFIG.paper.theta1_max if region is None else NARROW_ANGLE
+    run, every = case.run, read_arrays(whole[case.name] / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    trials = pd.read_csv(whole[case.name] / "trials.csv")
     assert every.shape == (run.steps, 6)
     ended = trials["step"][trials["outcome"] != "time limit"]
-    np.testing.assert_array_equal(np.flatnonzero(np.abs(every[:, 0]) >= bound) + 1, ended)
-    train(run, CONFIG.with_values(visited_states=run.steps // 5), region, tmp_path, report=quiet)
+    out = np.abs(every[:, 0]) >= CONFIG.paper.theta1_max
+    if case.region is not None:
+        out |= case.region.predict(every) == 0
+    np.testing.assert_array_equal(np.flatnonzero(out) + 1, ended)
+    case.train(tmp_path, visited_states=run.steps // 5)
     fewer = read_arrays(tmp_path / "visited.npz", VISITED_FORMAT, ("x",))["x"]
     np.testing.assert_array_equal(fewer, every[4::5])
 
 
-def test_the_final_trials_are_those_of_the_saved_policy(whole: dict[Run, Path]) -> None:
-    result = json.loads((whole[SUPERVISED] / "run.json").read_text())["final_policy"]
-    policy = PPO.load(whole[SUPERVISED] / "policy.zip", device="cpu")
-    assert result["own condition"] == evaluate(policy, make_env(SUPERVISED, CONFIG, NARROW))
+@CONDITIONS
+def test_the_final_trials_are_those_of_the_saved_policy(case: Case, whole: dict[str, Path]) -> None:
+    result = json.loads((whole[case.name] / "run.json").read_text())["final_policy"]
+    policy = PPO.load(whole[case.name] / "policy.zip", device="cpu")
+    assert result["own condition"] == evaluate(policy, make_env(case.run, CONFIG, case.region))
     assert result["no supervisor"] == evaluate(policy, ThreeLinkCircleEnv(1.5, config=CONFIG))
 
 
@@ -208,14 +209,14 @@ def test_every_update_takes_its_epochs_of_minibatches(
         return adam(self, *arguments)
 
     monkeypatch.setattr(torch.optim.Adam, "step", counted)
-    train(Run(None, 1.0, 0, 2 * UPDATE), CONFIG, None, tmp_path, report=quiet)
+    train(Run(None, 1.0, 0, 2 * UPDATE), STOCK, None, tmp_path, report=quiet)
     assert len(steps) == 2 * CONFIG.paper.n_epochs * CONFIG.paper.n_minibatches
 
 
 def test_a_region_comes_with_alpha_and_only_then(tmp_path: Path) -> None:
     for run, region in ((SUPERVISED, None), (FREE, NARROW)):
         with pytest.raises(ValueError, match="region = "):
-            train(run, CONFIG, region, tmp_path, report=quiet)
+            train(run, STOCK, region, tmp_path, report=quiet)
 
 
 def test_a_region_that_denies_the_origin_stops_the_training(tmp_path: Path) -> None:

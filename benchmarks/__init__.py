@@ -1,0 +1,1 @@
+"""How fast the learner is; ``python -m benchmarks`` prints the table."""
