@@ -1,1 +1,27 @@
-print(1)
+"""Time the learner, print the table and keep it as data; on a machine that has nothing else to do."""
+
+from pathlib import Path
+
+from benchmarks.learner import kernels, measure, start, summary
+from srlrepro.files import write_table
+from srlrepro.plan import Parser
+
+OUT = Path(__file__).parent.parent / "docs" / "benchmark.csv"
+
+
+def main() -> None:
+    """The command line."""
+    parser = Parser(prog="python -m benchmarks", description=__doc__, allow_abbrev=False)
+    parser.add_argument(
+        "--turns", type=int, default=7, help="repetitions of each work (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/benchmark.csv)")
+    arguments = parser.parse_args()
+    if arguments.turns < 1:
+        parser.error(f"--turns = {arguments.turns}: must be a whole number in [1, inf)")
+    table = summary([*measure(arguments.turns), *kernels(), start()])
+    write_table(arguments.out, table, digits=4)
+    print(table.to_string(index=False, float_format="{:.3g}".format))
+
+
+main()

@@ -1,11 +1,17 @@
 """Stock and compiled PPO side by side: the same work, in turns, in one process with one thread."""
 
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
@@ -13,7 +19,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from srlrepro.compiled_ppo import CompiledPPO
 from srlrepro.config import Config
-from srlrepro.network import Network, Passes, adam
+from srlrepro.network import Network, Passes, Reals, adam, tanh
 from srlrepro.pendulum import jit
 from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import generate
@@ -21,10 +27,11 @@ from srlrepro.training import Run, make_env, make_learner
 from srlrepro.updating import Learner
 
 ALPHA, DELTA = 0.5, 1.1
-EPOCHS = 2  # for the time of a gradient step: enough of them, in less time than a whole update
-BEFORE = (
-    100  # updates before anything is timed: trials then take tenths of a second, as in much of a training
-)
+REPEATS = 1000  # of a kernel in one turn
+BEFORE = 100  # updates before anything is timed: trials then last tenths of a second, as often in a training
+
+
+Work = Callable[[], object]
 
 
 class Silent(BaseCallback):
@@ -36,11 +43,23 @@ class Silent(BaseCallback):
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of the same work, one entry per turn."""
+    """Seconds of two ways to do the same work, one entry per turn."""
 
     work: str
-    stock: list[float]
-    compiled: list[float]
+    plain: list[float]
+    fast: list[float]
+
+
+def summary(timings: list[Timing]) -> pd.DataFrame:
+    """Per work: median milliseconds of both ways, the ratio of the medians, and its range over the turns."""
+    rows = []
+    for timing in timings:
+        plain, fast = np.array(timing.plain), np.array(timing.fast)
+        ratios = plain / fast
+        medians = np.median(plain), np.median(fast)
+        row = (1e3 * medians[0], 1e3 * medians[1], medians[0] / medians[1], ratios.min(), ratios.max())
+        rows.append((timing.work, *row))
+    return pd.DataFrame(rows, columns=["work", "plain_ms", "fast_ms", "ratio", "lowest", "highest"])
 
 
 def learners(config: Config, region: SafeRegion | None) -> list[PPO]:
@@ -52,13 +71,13 @@ def learners(config: Config, region: SafeRegion | None) -> list[PPO]:
     )
     assert isinstance(compiled, CompiledPPO) and not isinstance(stock, CompiledPPO)
     compiled.learn(BEFORE * config.paper.n_steps)
-    stock.set_parameters(compiled.get_parameters())
-    stock.learn(config.paper.n_steps)
-    stock.set_parameters(compiled.get_parameters())
+    stock.learn(config.paper.n_steps)  # whatever it does only once
+    stock.policy.load_state_dict(compiled.policy.state_dict())
+    stock.policy.optimizer.load_state_dict(deepcopy(compiled.policy.optimizer.state_dict()))
     return [stock, compiled]
 
 
-def collecting(model: PPO) -> Callable[[], None]:
+def collecting(model: PPO) -> Work:
     """A rollout, with a callback that looks at nothing."""
     _, callback = model._setup_learn(model.n_steps, Silent(), False, "", False)
     env = model.env
@@ -66,18 +85,7 @@ def collecting(model: PPO) -> Callable[[], None]:
     return lambda: model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
 
 
-def stepping(model: PPO) -> Callable[[], None]:
-    """So many epochs of gradient steps on the last rollout."""
-
-    def work() -> None:
-        epochs, model.n_epochs = model.n_epochs, EPOCHS
-        model.train()
-        model.n_epochs = epochs
-
-    return work
-
-
-def in_turns(works: list[Callable[[], None]], turns: int) -> list[list[float]]:
+def in_turns(works: list[Work], turns: int) -> list[list[float]]:
     """Seconds of each work in each turn; they take turns, so that a slow moment meets all of them."""
     seconds: list[list[float]] = [[] for _ in works]
     for _ in range(turns):
@@ -121,7 +129,7 @@ def _floor(learner: Learner, count: int) -> None:
         )
 
 
-def floor(model: CompiledPPO, count: int) -> Callable[[], None]:
+def floor(model: CompiledPPO, count: int) -> Work:
     """The matrix products of so many gradient steps and as many passes of Adam, and nothing else."""
     learner = model.arrays().learner
     generator = np.random.default_rng(0)
@@ -141,26 +149,89 @@ def _mapped(part: Any, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Any:
 
 
 def measure(turns: int) -> list[Timing]:
-    """All timings. The last one compares a compiled gradient step (as "stock") with its floor."""
+    """Stock against compiled; and the compiled gradient step against its floor, which is the faster way."""
     torch.set_num_threads(1)
     config = Config()
     region = learn(generate(ALPHA, config, 0), config)
     free, supervised = learners(config, None), learners(config, region)
-    assert isinstance(free[1], CompiledPPO)
-    steps = EPOCHS * config.paper.n_minibatches
-    lower = floor(free[1], steps)
+    compiled = free[1]
+    assert isinstance(compiled, CompiledPPO)
+    steps = config.paper.n_epochs * config.paper.n_minibatches
+    lower = floor(compiled, steps)
     lower()
-    stock, fast, least = (
-        [s / steps for s in seconds] for seconds in in_turns([*map(stepping, free), lower], turns)
-    )
-    timings = [Timing("gradient step", stock, fast)]
+    works = [free[0].train, compiled.train, lower]
+    stock, fast, least = ([s / steps for s in seconds] for seconds in in_turns(works, turns))
+    timings = [
+        Timing("gradient step", stock, fast),
+        Timing("gradient step, compiled, against its products and Adam alone", fast, least),
+    ]
     for name, pair in (("rollout, free", free), ("rollout, supervised", supervised)):
         timings.append(Timing(name, *in_turns([collecting(m) for m in pair], turns)))
-    timings.append(Timing("whole update, supervised", *in_turns([_whole(m) for m in supervised], turns)))
-    return [*timings, Timing("gradient step, compiled (left) and its floor (right)", fast, least)]
+    return [*timings, Timing("whole update, supervised", *in_turns([_whole(m) for m in supervised], turns))]
 
 
-def _whole(model: PPO) -> Callable[[], None]:
+@jit
+def _multiply(a: Reals, b: Reals, out: Reals, transposed: bool) -> None:
+    for _ in range(REPEATS):
+        if transposed:
+            np.dot(a, b.T, out)
+        else:
+            np.dot(a, b, out)
+
+
+@jit
+def _library_tanh(x: Reals) -> None:
+    for _ in range(REPEATS):
+        for i in range(x.size):
+            x[i] = np.tanh(x[i])
+
+
+@jit
+def _own_tanh(x: Reals) -> None:
+    for _ in range(REPEATS):
+        tanh(x)
+
+
+def kernels(turns: int = 15) -> list[Timing]:
+    """What two choices inside the gradient step give, at its sizes (minibatches of 16, layers of 128)."""
+    paper = Config().paper
+    batch, width = paper.n_steps // paper.n_minibatches, paper.hidden_width
+    generator = np.random.default_rng(0)
+    a, b, x = (
+        generator.standard_normal(shape).astype(np.float32)
+        for shape in ((batch, width), (width, width), batch * width)
+    )
+    out = np.empty_like(a)
+    works: list[Work] = [
+        lambda: _multiply(a, b, out, True),
+        lambda: _multiply(a, b, out, False),
+        lambda: _library_tanh(x.copy()),
+        lambda: _own_tanh(x.copy()),
+    ]
+    for work in works:
+        work()
+    seconds = [[s / REPEATS for s in taken] for taken in in_turns(works, turns)]
+    return [
+        Timing("product with a transposed right factor, against a plain one", *seconds[:2]),
+        Timing("tanh of the C library, against the continued fraction", *seconds[2:]),
+    ]
+
+
+def start() -> Timing:
+    """A training of one update in a new process: the first ever, which compiles, against a later one."""
+    seconds = []
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "srlrepro", "train", "--alpha", "none", "--delta", str(DELTA)]
+        command += ["--seed", "0", "--steps", "1", "--out", f"{folder}/run"]
+        environment = os.environ | {"NUMBA_CACHE_DIR": f"{folder}/cache"}
+        for _ in range(2):
+            begun = time.perf_counter()
+            subprocess.run(command, env=environment, check=True, capture_output=True)
+            seconds.append(time.perf_counter() - begun)
+    return Timing("first process with one update, against later ones", seconds[:1], seconds[1:])
+
+
+def _whole(model: PPO) -> Work:
     collect = collecting(model)
 
     def work() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import pandas as pd
 
 from srlrepro.claims import load
 from srlrepro.config import Choices, Paper
@@ -13,8 +14,10 @@ from srlrepro.files import beside, read_json, read_table, write_json
 
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE, README = ROOT / "docs" / "README.md.jinja", ROOT / "README.md"
-TEST_TIME = ROOT / "docs" / "test_time.json"
-RUN = "quick"  # the results that the README shows
+TEST_TIME, QUICK_TIME = ROOT / "docs" / "test_time.json", ROOT / "docs" / "quick_time.json"
+BENCHMARK = ROOT / "docs" / "benchmark.csv"
+RUN = "full"  # the results that the README shows
+LEARNING = ("final_return", "policy_return_share", "success_rate", "activations", "failures", "falls")
 
 
 def _value(value: object) -> str:
@@ -40,6 +43,19 @@ def _parameters(part: type, source: str) -> list[dict[str, str]]:
     ]
 
 
+def _learning(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """Per Δ and α: for each measure of `LEARNING` the mean over seeds, and the seeds one by one."""
+    rows = []
+    for (delta, alpha), group in runs.groupby(["delta", "alpha"]):
+        values = group.pivot_table(index="seed", columns="measure", values="value")
+        row: dict[str, Any] = {"delta": f"{delta:g}", "alpha": str(alpha)}
+        for name in LEARNING:
+            seeds = values[name].tolist() if name in values else []
+            row[name] = {"mean": sum(seeds) / len(seeds) if seeds else None, "seeds": seeds}
+        rows.append(row)
+    return rows
+
+
 def context() -> dict[str, Any]:
     """What the template is filled with.
 
@@ -51,10 +67,15 @@ def context() -> dict[str, Any]:
     regions = measures[measures["delta"].isna()].pivot_table(index="alpha", columns="measure", values="value")
     stability = measures[measures["measure"] == "spectral_radius"].set_index("delta")["value"]
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
+    points = read_table(figures / "claims.csv", ("id",)).set_index("id").iloc[:, -2]
     return {
         "claims": load(),
+        "points": points.to_dict(),
+        "learning": _learning(runs),
+        "benchmark": read_table(BENCHMARK, ("work", "ratio")).to_dict("records"),
+        "quick": read_json(QUICK_TIME),
         "k": Paper.k,
-        "total_steps": Choices.total_steps,
+        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
         "test_states": TEST_STATES,
         "stated": _parameters(Paper, "place"),
         "chosen": _parameters(Choices, "reason"),
@@ -84,10 +105,13 @@ def is_stale() -> bool:
 
 
 def write() -> None:
-    """Render README.md, with the time of the last complete test run on this machine, if there was one."""
-    measured = ROOT / "results" / "test_time.json"
-    if measured.exists():
-        write_json(TEST_TIME, read_json(measured))
+    """Render README.md, with the times of the last complete tests and --quick run here, if there were any."""
+    for measured, kept in (
+        (ROOT / "results" / "test_time.json", TEST_TIME),
+        (ROOT / "figures" / "quick" / "run_time.json", QUICK_TIME),
+    ):
+        if measured.exists():
+            write_json(kept, read_json(measured))
     text = render()
     with beside(README) as temporary:
         temporary.write_text(text, encoding="utf-8")

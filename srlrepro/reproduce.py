@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 DONE = re.compile(r"^(\d+) of (\d+) steps \(")
+INTERRUPTED = 130  # exit status after Ctrl-C
 REPORT_EVERY = 30.0  # s between two progress lines where there is no terminal
 
 
@@ -61,8 +62,8 @@ def only_one() -> Iterator[None]:
         yield
 
 
-def follow(lines: IO[str], log: IO[str]) -> None:
-    """Copy Snakemake's output to the log and show one overall progress with the time left."""
+def follow(lines: IO[str], log: IO[str]) -> bool:
+    """Copy Snakemake's output to the log, show one progress with the time left; True if a job was done."""
     from tqdm import tqdm
 
     bar: tqdm[NoReturn] | None = None
@@ -88,6 +89,7 @@ def follow(lines: IO[str], log: IO[str]) -> None:
             )
     if bar is not None:
         bar.close()
+    return bar is not None
 
 
 def machine() -> dict[str, Any]:
@@ -95,6 +97,14 @@ def machine() -> dict[str, Any]:
     from srlrepro.provenance import processor
 
     return {"processor": processor(), "processor_cores": os.cpu_count()}
+
+
+def add_time(file: Path, minutes: float, fresh: bool, **run: Any) -> None:
+    """Keep the time that results took, over all the sittings in which a job was done."""
+    before = json.loads(file.read_text()) if file.exists() and not fresh else {"minutes": 0.0, "sittings": 0}
+    timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before.get("sittings", 1) + 1}
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(timing | run | machine(), indent=1) + "\n")
 
 
 def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
@@ -126,17 +136,18 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
         )
         assert process.stdout is not None
         try:
-            follow(process.stdout, log)
+            worked = follow(process.stdout, log)
+            status = process.wait()
         except KeyboardInterrupt:  # Snakemake has received it as well, and ends its jobs
             process.wait()
-            print("reproduce.sh: stopped. Start again to go on.")
-            return 130
-        status = process.wait()
+            worked, status = True, INTERRUPTED
     minutes = (time.monotonic() - started) / 60
-    if status == 0 and fresh:  # an interrupted run has no time of its own
-        timing = {"minutes": round(minutes, 1), "cores": cores, "steps": config["steps"], **machine()}
-        (ROOT / "figures" / config["name"] / "run_time.json").write_text(json.dumps(timing, indent=1) + "\n")
-    if status:
+    if worked:
+        file = ROOT / "figures" / config["name"] / "run_time.json"
+        add_time(file, minutes, fresh, cores=cores, steps=config["steps"])
+    if status == INTERRUPTED:
+        print("reproduce.sh: stopped. Start again to go on.")
+    elif status:
         log_name = f"results/{config['name']}/snakemake.log"
         print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log_name} says which. Start again to go on.")
     else:

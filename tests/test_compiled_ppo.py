@@ -1,5 +1,6 @@
 """The compiled learner is stable-baselines3's PPO: the same buffers, the same updates, the same refusals."""
 
+import time
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -333,3 +334,15 @@ def test_other_environments_are_refused() -> None:
     assert isinstance(env, Supervisor)
     with pytest.raises(ParameterError, match="must be a SafeRegion in compiled code"):
         make_learner(env, CONFIG, 0).learn(64)
+
+
+@pytest.mark.slow
+def test_an_update_is_many_times_faster_than_stocks() -> None:
+    """A loose bound for a busy machine; ``python -m benchmarks`` measures it well."""
+    seconds = []
+    for model in filled(FREE, None, Config(), n_epochs=1):
+        model.train()
+        started = time.perf_counter()
+        model.train()
+        seconds.append(time.perf_counter() - started)
+    assert seconds[0] > 15 * seconds[1]

@@ -88,14 +88,23 @@ def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str
         "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
     )
     log = io.StringIO()
-    reproduce.follow(lines, log)
+    assert reproduce.follow(lines, log)
     out = capsys.readouterr().out
     assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
 
 
+def test_the_time_of_results_is_that_of_all_sittings(tmp_path: Path) -> None:
+    assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
+    file = tmp_path / "figures" / "run_time.json"
+    for minutes, fresh, total, sittings in ((2.0, True, 2.0, 1), (0.5, False, 2.5, 2), (1.0, True, 1.0, 1)):
+        reproduce.add_time(file, minutes, fresh, cores=2)
+        stored = json.loads(file.read_text())
+        assert (stored["minutes"], stored["sittings"], stored["cores"]) == (total, sittings, 2)
+
+
 @pytest.mark.slow
 def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None:
-    """36 runs, eight other notebooks and the target; a run depends on its own region only."""
+    """36 runs, ten other notebooks and the target; a run depends on its own region only."""
     path = tmp_path / "workflow.json"
     path.write_text(json.dumps(planned("--name", "nowhere", "--seeds", "3", "--steps", "64")))
     command = [
@@ -112,5 +121,5 @@ def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
     assert done.returncode == 0, done.stderr
-    assert counts["training_run"] == "36" and counts["total"] == "45"
+    assert counts["training_run"] == "36" and counts["total"] == "47"
     assert not (ROOT / "results" / "nowhere").exists()

@@ -1,0 +1,106 @@
+"""Trials to look at: what π does, where the supervisor steps in, and how K fares."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.artist import Artist
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from srlrepro.drawing import LINK, TARGET, draw_pendulum
+from srlrepro.env import ThreeLinkCircleEnv, target
+from srlrepro.files import beside
+from srlrepro.pendulum import Floats
+from srlrepro.supervisor import Supervisor
+
+CORRECTIVE = "#0072B2"  # the pendulum while K acts
+REST = 0.5  # s that the last picture of a trial stays
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial, with the recovery by K if there was one.
+
+    Attributes:
+        joints: [T + 1, 4, 2] m, at the control instants.
+        targets: [T + 1, 2] m, p_d at the same instants.
+        supervised: [T + 1] whether K acts from the instant on.
+        total: return of π; steps: its control periods.
+        outcome: of the trial, and of K if it was activated.
+    """
+
+    joints: Floats
+    targets: Floats
+    supervised: NDArray[np.bool_]
+    total: float
+    steps: int
+    outcome: str
+
+
+def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool) -> Trial:
+    """One trial of a policy from the origin; with its mean actions if ``deterministic``."""
+    task = env.unwrapped
+    assert isinstance(task, ThreeLinkCircleEnv)
+    observation, info = env.reset()
+    states, total, ended = [task.state.copy()], 0.0, False
+    while not ended:
+        action, _ = model.predict(observation, deterministic=deterministic)
+        observation, reward, terminated, truncated, info = env.step(action)
+        states.append(task.state.copy())
+        total, ended = total + float(reward), terminated or truncated
+    steps, outcome = len(states) - 1, info["outcome"]
+    recovery = env.recovery if isinstance(env, Supervisor) else None
+    if recovery is not None:
+        periods = round(float(recovery.durations[0]) / task.rule.control_period)
+        states += list(recovery.paths[0, 1 : periods + 1])
+        outcome = f"K: {info['recovery']}"
+    times = task.rule.control_period * np.arange(len(states))
+    circle = np.array([target(task.arrays.circle, float(t)) for t in times])
+    supervised = np.arange(len(states)) >= (steps if recovery is not None else len(states))
+    return Trial(task.pendulum.joints(np.array(states)), circle, supervised, total, steps, outcome)
+
+
+def animate_trials(
+    path: Path, trials: Sequence[tuple[str, Trial]], task: ThreeLinkCircleEnv, fps: int = 20
+) -> None:
+    """Write a GIF in real time with one panel per titled trial, side by side; short trials hold their end."""
+    period, paper = task.rule.control_period, task.config.paper
+    stride = max(1, round(1.0 / (fps * period)))
+    longest = max(len(trial.joints) for _, trial in trials) + round(REST / period)
+    size = (3.2 * len(trials), 2.9)
+    figure, axes = plt.subplots(1, len(trials), figsize=size, squeeze=False, layout="constrained")
+    parts = []
+    for ax, (title, trial) in zip(axes[0], trials, strict=True):
+        line = draw_pendulum(ax, trial.joints[0], paper)
+        (goal,) = ax.plot([], [], "o", color=TARGET, markersize=5)
+        (trace,) = ax.plot([], [], "-", color="#56B4E9", linewidth=1, zorder=0)
+        ax.set(title=title, xlim=(-2.2, 2.2), ylim=(-0.3, 3.4), xlabel="", ylabel="")
+        ax.title.set_fontsize(9)
+        parts.append((trial, line, goal, trace, ax.text(-2.1, 3.1, "", fontsize=8)))
+    clock = figure.suptitle("t = 0.00 s", fontsize=9)
+    figure.draw_without_rendering()  # lays the panels out, once for all pictures
+    figure.set_layout_engine("none")
+
+    def frame(t: int) -> list[Artist]:
+        for trial, line, goal, trace, words in parts:
+            now = min(t, len(trial.joints) - 1)
+            line.set_data(*trial.joints[now].T)
+            line.set_color(CORRECTIVE if trial.supervised[now] else LINK)
+            goal.set_data(trial.targets[now, :1], trial.targets[now, 1:])
+            goal.set_visible(not trial.supervised[now])
+            trace.set_data(*trial.joints[: min(now, trial.steps) + 1, -1].T)
+            acting = "K(x) acts" if trial.supervised[now] else "π(x) acts"
+            words.set_text(trial.outcome if now == len(trial.joints) - 1 else acting)
+        clock.set_text(f"t = {t * period:.2f} s")
+        return []
+
+    animation = FuncAnimation(figure, frame, frames=range(0, longest, stride))
+    with beside(path) as temporary:
+        animation.save(temporary, writer=PillowWriter(fps=round(1.0 / (stride * period))), dpi=64)
+    plt.close(figure)
