@@ -12,6 +12,8 @@ RESULTS, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/e
 DATA_SEEDS = SEEDS if config["values"]["data_per_seed"] else [0]
 RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
 RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
+SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1])
+CALIBRATED = expand(RUN, alpha=REGIONS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS)
 
 
 def modules(*names):
@@ -55,6 +57,8 @@ rule all:
         expand(f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
         f"{EXECUTED}/08_claims.ipynb",
         f"{EXECUTED}/09_choices.ipynb",
+        f"{EXECUTED}/10_calibration.ipynb",
+        f"{EXECUTED}/11_behaviour.ipynb",
 
 
 rule pendulum:
@@ -224,3 +228,34 @@ rule choices:
         ),
     shell:
         execute("09_choices")
+
+
+rule calibration:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
+        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        modules("figures", "evaluation"),
+        "notebooks/10_calibration.ipynb",
+    output:
+        notebook=f"{EXECUTED}/10_calibration.ipynb",
+        figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=CALIBRATED, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]),
+    shell:
+        execute("10_calibration")
+
+
+rule behaviour:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/policy.zip", run=SHOWN),
+        modules("figures", "drawing", "behaviour"),
+        "notebooks/11_behaviour.ipynb",
+    output:
+        notebook=f"{EXECUTED}/11_behaviour.ipynb",
+        animations=expand(f"{FIGURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
+    shell:
+        execute("11_behaviour")

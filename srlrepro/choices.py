@@ -127,7 +127,9 @@ class Choices:
     omega_step: float = chosen(
         0.05, "(0, 1]", "s", "ω: time between compared states", "K settles in about 1 s"
     )
-    omega_horizon: float = chosen(5.0, "(0, 60]", "s", "ω: compared time", "the horizon of K")
+    omega_horizon: float = chosen(
+        5.0, "(0, 60]", "s", "ω: compared time, or the horizon of K if that is shorter", "the horizon of K"
+    )
     label_gap: float = chosen(
         1.0,
         "[0, 10]",

@@ -43,6 +43,9 @@ class CompiledPPO(PPO):
 
     def _setup_model(self) -> None:
         super()._setup_model()
+        self._refuse_what_is_not_covered()
+
+    def _refuse_what_is_not_covered(self) -> None:
         policy, optimizer = self.policy, self.policy.optimizer
         other_adam = ("weight_decay", "amsgrad", "maximize", "differentiable", "capturable")
         covered = {
@@ -55,6 +58,7 @@ class CompiledPPO(PPO):
             "rollout_buffer_class": self.rollout_buffer_class is RolloutBuffer,
             "device": self.device.type == "cpu",
             "n_envs": self.n_envs == 1,
+            "use_sde": not self.use_sde,
             "batch_size": self.batch_size > 1 and self.n_steps % self.batch_size == 0,
             "clip_range_vf": self.clip_range_vf is None,
             "target_kl": self.target_kl is None,
@@ -67,8 +71,9 @@ class CompiledPPO(PPO):
         return [*super()._excluded_save_params(), "_shared"]
 
     def arrays(self) -> Shared:
-        """The policy's numbers; shared anew if something has moved them (`load` does)."""
-        if self._shared is None or self._shared.addresses != addresses(self.policy):
+        """The policy's numbers; shared anew if something has moved them, as `load` does."""
+        now = addresses(self.policy, self.batch_size)
+        if self._shared is None or self._shared.addresses != now:
             self._shared = share(self.policy, self.batch_size)
         return self._shared
 
@@ -77,6 +82,7 @@ class CompiledPPO(PPO):
     ) -> bool:
         """Fill the buffer with the current policy's steps; False if a callback has stopped the training."""
         assert self._last_obs is not None and self._last_episode_starts is not None
+        self._refuse_what_is_not_covered()  # settings may have been changed since
         stack = Stack.of(env)
         self.policy.set_training_mode(False)
         rollout_buffer.reset()

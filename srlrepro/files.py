@@ -27,9 +27,11 @@ def beside(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; on success rename it to ``path``.
 
     Raises:
-        ResultError: the folder cannot be made or written.
+        ResultError: the folder cannot be made or written, or the path is a folder.
     """
     path = Path(path)
+    if path.is_dir():
+        raise ResultError(f"cannot write {path}: it is a folder")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)

@@ -15,16 +15,16 @@ ALIGNMENT = 16  # numbers: every tensor starts at a cache line
 
 
 class Shared(NamedTuple):
-    """The arrays, and where the tensors lay when they were made."""
+    """The arrays, for minibatches of one size, and where the tensors lay when they were made."""
 
     learner: Learner
     policy: Policy
     addresses: tuple[int, ...]
 
 
-def addresses(policy: ActorCriticPolicy) -> tuple[int, ...]:
-    """Where the policy's parameters and their moments lie in memory; 0 for a moment that is not there yet."""
-    found = []
+def addresses(policy: ActorCriticPolicy, batch: int) -> tuple[int, ...]:
+    """The batch, and where the parameters and their moments lie; 0 for a moment that is not there yet."""
+    found = [batch]
     for parameter in policy.parameters():
         state = policy.optimizer.state[parameter]
         found += [parameter.data_ptr(), *(state[m].data_ptr() if m in state else 0 for m in MOMENTS)]
@@ -85,4 +85,4 @@ def share(policy: ActorCriticPolicy, batch: int) -> Shared:
         actor_passes,
         critic_passes,
     )
-    return Shared(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy))
+    return Shared(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy, batch))

@@ -326,6 +326,17 @@ def test_what_is_not_covered_is_refused(values: dict[str, Any]) -> None:
         CompiledPPO("MlpPolicy", ThreeLinkCircleEnv(config=CONFIG), n_steps=64, **{"batch_size": 16} | values)
 
 
+def test_what_is_changed_later_is_refused_or_heeded() -> None:
+    model = pair(FREE, None, CONFIG)[1]
+    model.learn(UPDATE)
+    model.batch_size = 32
+    model.learn(UPDATE)
+    assert model.arrays().learner.actor_passes.ones.size == 32
+    model.target_kl = 0.1
+    with pytest.raises(ParameterError, match=r"target_kl = 0\.1: must be one that CompiledPPO covers"):
+        model.learn(UPDATE)
+
+
 def test_other_environments_are_refused() -> None:
     for env in (gym.make("Pendulum-v1"), gym.wrappers.RescaleAction(ThreeLinkCircleEnv(), -1.0, 1.0)):
         with pytest.raises(ParameterError, match="must be one ThreeLinkCircleEnv"):

@@ -57,6 +57,12 @@ def test_json_and_tables_come_back(tmp_path: Path) -> None:
     assert list(read_table(tmp_path / "a.csv", ("b",))["b"]) == [0.1, 0.333]
 
 
+def test_a_folder_is_not_written_over(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="it is a folder"):
+        write_json(tmp_path, {})
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_writing_replaces_the_file_and_makes_the_folder(tmp_path: Path) -> None:
     path = tmp_path / "new" / "deep" / "a.json"
     for value in (1, 2):
