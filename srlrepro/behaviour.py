@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from srlrepro.drawing import LINK, TARGET, draw_pendulum
@@ -20,6 +21,7 @@ from srlrepro.pendulum import Floats
 from srlrepro.supervisor import Supervisor
 
 CORRECTIVE = "#0072B2"  # the pendulum while K acts
+COLOURS = 64  # of a picture
 REST = 0.5  # s that the last picture of a trial stays
 
 
@@ -73,22 +75,24 @@ def animate_trials(
     period, paper = task.rule.control_period, task.config.paper
     stride = max(1, round(1.0 / (fps * period)))
     longest = max(len(trial.joints) for _, trial in trials) + round(REST / period)
-    size = (3.2 * len(trials), 2.9)
-    figure, axes = plt.subplots(1, len(trials), figsize=size, squeeze=False, layout="constrained")
+    figure = Figure(figsize=(3.2 * len(trials), 2.9), dpi=64, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
     parts = []
-    for ax, (title, trial) in zip(axes[0], trials, strict=True):
+    for ax, (title, trial) in zip(figure.subplots(1, len(trials), squeeze=False)[0], trials, strict=True):
         line = draw_pendulum(ax, trial.joints[0], paper)
         (goal,) = ax.plot([], [], "o", color=TARGET, markersize=5)
-        (trace,) = ax.plot([], [], "-", color="#56B4E9", linewidth=1, zorder=0)
-        ax.set(title=title, xlim=(-2.2, 2.2), ylim=(-0.3, 3.4), xlabel="", ylabel="")
-        ax.title.set_fontsize(9)
-        parts.append((trial, line, goal, trace, ax.text(-2.1, 3.1, "", fontsize=8)))
+        (trace,) = ax.plot([], [], "-", color="#56B4E9", linewidth=1)
+        ax.set(xlim=(-2.2, 2.2), ylim=(-0.3, 3.4), xlabel="", ylabel="")
+        ax.set_title(title, fontsize=9)
+        parts.append((trial, trace, line, goal, ax.text(-2.1, 3.1, "", fontsize=8)))
     clock = figure.suptitle("t = 0.00 s", fontsize=9)
-    figure.draw_without_rendering()  # lays the panels out, once for all pictures
-    figure.set_layout_engine("none")
-
-    def frame(t: int) -> list[Artist]:
-        for trial, line, goal, trace, words in parts:
+    moving: list[Artist] = [clock, *(artist for _, *artists in parts for artist in artists)]
+    for artist in moving:
+        artist.set_animated(True)  # left out of the background, which is drawn only once
+    canvas.draw()
+    background, pictures = canvas.copy_from_bbox(figure.bbox), []
+    for t in range(0, longest, stride):
+        for trial, trace, line, goal, words in parts:
             now = min(t, len(trial.joints) - 1)
             line.set_data(*trial.joints[now].T)
             line.set_color(CORRECTIVE if trial.supervised[now] else LINK)
@@ -98,9 +102,10 @@ def animate_trials(
             acting = "K(x) acts" if trial.supervised[now] else "π(x) acts"
             words.set_text(trial.outcome if now == len(trial.joints) - 1 else acting)
         clock.set_text(f"t = {t * period:.2f} s")
-        return []
-
-    animation = FuncAnimation(figure, frame, frames=range(0, longest, stride))
+        canvas.restore_region(background)
+        for artist in moving:
+            figure.draw_artist(artist)
+        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS))
     with beside(path) as temporary:
-        animation.save(temporary, writer=PillowWriter(fps=round(1.0 / (stride * period))), dpi=64)
-    plt.close(figure)
+        milliseconds = round(1000 * stride * period)
+        pictures[0].save(temporary, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
