@@ -27,6 +27,8 @@ NAMES = [
     "07_activations_and_failures",
     "08_claims",
     "09_choices",
+    "10_calibration",
+    "11_behaviour",
 ]
 
 
@@ -71,6 +73,16 @@ def test_the_notebooks_are_all_there() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+def test_kept_figures_are_complete_and_small() -> None:
+    """Every picture as PDF and PNG with its table; an animation for each of the twelve conditions."""
+    folder = ROOT / "figures" / "full"
+    pictures = list(folder.glob("*.pdf"))
+    assert {"fig1_pendulum", "fig2_abc_training_data", "fig3_abc_learning"} < {p.stem for p in pictures}
+    assert all(p.with_suffix(suffix).exists() for p in pictures for suffix in (".png", ".csv"))
+    assert len(list((folder / "behaviour").glob("*.gif"))) == 12
+    assert all(p.stat().st_size < 2_000_000 for p in folder.rglob("*") if p.is_file())
+
+
 def test_sources_are_small_and_compare_a_result(path: Path) -> None:
     """Exactly one parameters cell; outputs only where they are compared; at most about 100 lines of code."""
     cells = nbformat.read(path, as_version=4).cells
@@ -172,12 +184,13 @@ def test_an_unwritable_output_is_refused_before_the_launch(small: Path) -> None:
 
 
 def executed() -> list[Path]:
-    return sorted((ROOT / "notebooks" / "executed").rglob("*.ipynb"))
+    """Those of the full grid, which are kept; others are made and looked at by whoever wants them."""
+    return sorted((ROOT / "notebooks" / "executed" / "full").rglob("*.ipynb"))
 
 
-def test_the_executed_notebooks_of_the_quick_grid_are_complete() -> None:
-    """Every source notebook, the training run 36 times; no errors, no cell that did not run, no paths."""
-    names = [path.stem for path in executed() if "quick" in path.parts]
+def test_the_executed_notebooks_of_the_grid_are_complete() -> None:
+    """Every source notebook, the training run 36 times."""
+    names = [path.stem for path in executed()]
     assert sorted({n.split("__")[0] for n in names}) == NAMES
     assert sum(n.startswith("05_training_run") for n in names) == 36
 
