@@ -72,7 +72,6 @@ def test_the_notebooks_are_all_there() -> None:
     assert [path.stem for path in NOTEBOOKS] == NAMES
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_kept_figures_are_complete_and_small() -> None:
     """Every picture as PDF and PNG with its table; an animation for each of the twelve conditions."""
     folder = ROOT / "figures" / "full"
@@ -83,6 +82,7 @@ def test_kept_figures_are_complete_and_small() -> None:
     assert all(p.stat().st_size < 2_000_000 for p in folder.rglob("*") if p.is_file())
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_sources_are_small_and_compare_a_result(path: Path) -> None:
     """Exactly one parameters cell; outputs only where they are compared; at most about 100 lines of code."""
     cells = nbformat.read(path, as_version=4).cells
