@@ -82,7 +82,7 @@ def animate_trials(
         line = draw_pendulum(ax, trial.joints[0], paper)
         (goal,) = ax.plot([], [], "o", color=TARGET, markersize=5)
         (trace,) = ax.plot([], [], "-", color="#56B4E9", linewidth=1)
-        ax.set(xlim=(-2.2, 2.2), ylim=(-0.3, 3.4), xlabel="", ylabel="")
+        ax.set(xlim=(-2.2, 2.2), ylim=(-0.3, 3.4))
         ax.set_title(title, fontsize=9)
         parts.append((trial, trace, line, goal, ax.text(-2.1, 3.1, "", fontsize=8)))
     clock = figure.suptitle("t = 0.00 s", fontsize=9)

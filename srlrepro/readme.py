@@ -83,6 +83,7 @@ def context() -> dict[str, Any]:
         "stability": {f"{d:g}": r for d, r in stability.items()},
         "run": read_json(figures / "run_time.json"),
         "runs": runs[["alpha", "delta", "seed"]].drop_duplicates().shape[0],
+        "seeds": runs["seed"].nunique(),
         "test": read_json(TEST_TIME),
     }
 

@@ -175,9 +175,10 @@ def test_compiled_code_does_what_the_source_says() -> None:
     arguments: tuple[Floats, ...] = HIGH, np.ascontiguousarray((train / HIGH).T), y
     mixed = np.concatenate([x, train[:2]])
     single: Callable[..., tuple[float, float]] = map_state.py_func
-    for skip in (-1, 1):
-        expected = [single(*arguments, 6, skip, state) for state in mixed]
-        np.testing.assert_allclose([map_state(*arguments, 6, skip, s) for s in mixed], expected, rtol=1e-9)
+    for without in (-1, 1):
+        expected = [single(*arguments, 6, without, state) for state in mixed]
+        found = [map_state(*arguments, 6, without, state) for state in mixed]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
     for left_out in (False, True):
         expected = map_states.py_func(*arguments, 6, left_out, mixed)
         np.testing.assert_allclose(map_states(*arguments, 6, left_out, mixed), expected, rtol=1e-9)
