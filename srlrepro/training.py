@@ -32,8 +32,7 @@ from srlrepro.files import beside, require_writable, write_arrays, write_json, w
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import provenance
 from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
-from srlrepro.safe_region import SafeRegion
-from srlrepro.supervisor import Hypothesis, Supervisor
+from srlrepro.supervisor import CompiledHypothesis, Hypothesis, Supervisor
 
 VISITED_FORMAT = "srlrepro-visited-1"
 
@@ -142,7 +141,7 @@ def train(
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
         require_writable(place)
     model, progress = make_learner(env, config, run.seed), Progress()
-    learned = region.digest() if isinstance(region, SafeRegion) else type(region).__name__
+    learned = region.digest() if isinstance(region, CompiledHypothesis) else type(region).__name__
     identity = {"run": asdict(run), "config": config.as_dict(), "region": learned}
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
