@@ -63,7 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--name",
-        help="folder name of the results (default: full or quick; custom if anything is varied)",
+        help="folder name of the results (default: full or quick; seeds_N for N seeds; else custom)",
     )
     parser.add_argument(
         "--cores",
@@ -107,8 +107,10 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     usual = config.choices.quick_steps if arguments.quick else config.choices.total_steps
     steps = usual if arguments.steps is None else arguments.steps
     check(steps >= 1, "--steps", steps, "a whole number in [1, inf)")
-    default = (alphas, deltas, arguments.seeds, steps, settings) == (ALPHAS, DELTAS, SEEDS, usual, {})
-    name = arguments.name or (("quick" if arguments.quick else "full") if default else "custom")
+    papers = (alphas, deltas, steps, settings) == (ALPHAS, DELTAS, usual, {})
+    default, size = papers and arguments.seeds == SEEDS, "quick" if arguments.quick else "full"
+    more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
+    name = arguments.name or (size if default else more if papers else "custom")
     check(
         re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
         "--name",
@@ -125,6 +127,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     note = f"reduced: {steps} of {full} training steps" if steps < full else ""
     return {
         "name": name,
+        "cells": size if papers else name,
         "alphas": alphas,
         "deltas": deltas,
         "seeds": list(range(arguments.seeds)),
