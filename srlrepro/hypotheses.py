@@ -83,9 +83,7 @@ def _pca(x: Floats, z: Labels, config: Config) -> Judge:
     scale, c = np.array(config.paper.state_max), config.choices
     pca = PCA(2).fit(x / scale)
     places = pca.transform(x / scale)
-    grid = discretise(
-        places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty
-    )
+    grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
     return Judge(LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_)
 

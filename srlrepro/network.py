@@ -80,7 +80,7 @@ def passes(network: Network, samples: int) -> Passes:
 
 
 @fused
-def _fraction(x: float) -> float:
+def _fraction(x: np.float32) -> np.float32:
     """tanh x of a float32 number."""
     v = min(max(x, -FLAT), FLAT)
     s = v * v
@@ -98,7 +98,7 @@ def _fraction(x: float) -> float:
     q = q * s + Q[4]
     q = q * s + Q[5]
     q = q * s + Q[6]
-    return v * p / q  # type: ignore[no-any-return]
+    return v * p / q
 
 
 @jit
