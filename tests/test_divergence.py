@@ -1,4 +1,4 @@
-"""½ d_HΔH: finite classes against enumeration and total variation, domain classifiers against closed forms."""
+"""½ d_HΔH: finite classes against enumeration, domain classifiers against closed forms."""
 
 import itertools
 
@@ -59,7 +59,7 @@ def test_domains_that_are_equal_or_disjoint(name: str, rng: Generator) -> None:
 
 
 def test_two_centred_normal_laws_differ_for_all_but_half_spaces(rng: Generator) -> None:
-    """N(0, 1) and N(0, 3²): a half-space sees nothing; the best set is |x| < c, its value the total variation."""
+    """N(0, 1) and N(0, 3²): half-spaces see nothing; the best set is |x| < c, its value the variation."""
     x, y = rng.normal(0, 1, (2000, 1)), rng.normal(0, 3, (2000, 1))
     c = np.sqrt(2 * np.log(3) / (1 - 1 / 9))  # where the densities are equal
     variation = 2 * (norm.cdf(c) - norm.cdf(c / 3))
