@@ -18,6 +18,7 @@ RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
 RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
 SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1])
 CALIBRATED = expand(RUN, alpha=REGIONS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS)
+FREE = expand(RUN, alpha=[a for a in ALPHAS if a == "none"], delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
 
 
 def modules(*names):
@@ -58,6 +59,7 @@ rule all:
         f"{DONE}/09_choices.ipynb",
         f"{EXECUTED}/10_calibration.ipynb",
         f"{DONE}/11_behaviour.ipynb",
+        f"{EXECUTED}/12_theorem.ipynb",
 
 
 rule pendulum:
@@ -258,3 +260,22 @@ rule behaviour:
         parameters=parameters(FIGURES=f"../{PICTURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("11_behaviour")
+
+
+rule theorem:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED + FREE),
+        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        modules("figures", "choosing", "divergence", "theorem"),
+        "notebooks/12_theorem.ipynb",
+    output:
+        notebook=f"{EXECUTED}/12_theorem.ipynb",
+        figure=f"{FIGURES}/theorem_terms.pdf",
+        tables=expand(f"{FIGURES}/theorem_{{table}}.csv", table=["steps", "divergence", "orders"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", RUNS=CALIBRATED + FREE, DATA_SEED=DATA_SEEDS[0], DATASETS=5, STATES=5000, NOTE=config["note"]
+        ),
+    shell:
+        execute("12_theorem")
