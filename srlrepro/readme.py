@@ -7,7 +7,6 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from srlrepro.claims import load
 from srlrepro.config import Choices, Paper
 from srlrepro.evaluation import TEST_STATES
 from srlrepro.files import beside, read_json, read_table, write_json
@@ -17,6 +16,7 @@ TEMPLATE, README = ROOT / "docs" / "README.md.jinja", ROOT / "README.md"
 TEST_TIME, QUICK_TIME = ROOT / "docs" / "test_time.json", ROOT / "docs" / "quick_time.json"
 BENCHMARK = ROOT / "docs" / "benchmark.csv"
 RUN = "full"  # the results that the README shows
+CLAIM_COLUMNS = ("id", "statement", "place", "points", "verdict")
 LEARNING = ("final_return", "policy_return_share", "success_rate", "activations", "failures", "falls")
 
 
@@ -67,10 +67,8 @@ def context() -> dict[str, Any]:
     regions = measures[measures["delta"].isna()].pivot_table(index="alpha", columns="measure", values="value")
     stability = measures[measures["measure"] == "spectral_radius"].set_index("delta")["value"]
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
-    points = read_table(figures / "claims.csv", ("id",)).set_index("id").iloc[:, -2]
     return {
-        "claims": load(),
-        "points": points.to_dict(),
+        "claims": read_table(figures / "claims.csv", CLAIM_COLUMNS).to_dict("records"),
         "learning": _learning(runs),
         "benchmark": read_table(BENCHMARK, ("work", "ratio")).to_dict("records"),
         "quick": read_json(QUICK_TIME),
