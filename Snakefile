@@ -9,11 +9,13 @@ import sys
 NAME, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "alphas", "deltas", "seeds"))
 REGIONS = [a for a in ALPHAS if a != "none"]
 RESULTS, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/executed/{NAME}"
-DATA_SEEDS = SEEDS if config["values"]["data_per_seed"] else [0]
+DATA_SEEDS = SEEDS  # as many datasets as seeds are measured; unless data_per_seed, all runs use the first
 RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
 RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
 SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1])
-CALIBRATED = expand(RUN, alpha=REGIONS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS)
+JUDGED = {"delta": [f"{d:g}" for d in DELTAS], "seed": SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS}
+CALIBRATED = expand(RUN, alpha=REGIONS, **JUDGED)
+COMMON = expand(RUN, alpha=[a for a in ALPHAS if a == "none"], **JUDGED)
 
 
 def modules(*names):
@@ -119,7 +121,7 @@ rule safe_region:
     input:
         rules.training_data.output.data,
         rules.embedding.output.regions,
-        modules("figures", "evaluation"),
+        modules("figures", "evaluation", "joined_measures"),
         "notebooks/04_safe_region.ipynb",
     output:
         notebook=f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb",
@@ -162,7 +164,7 @@ rule training_run:
 rule learning_performance:
     input:
         expand(f"{RESULTS}/runs/{{run}}/curve.csv", run=RUNS),
-        modules("figures"),
+        modules("figures", "joined_measures"),
         "notebooks/06_learning_performance.ipynb",
     output:
         notebook=f"{EXECUTED}/06_learning_performance.ipynb",
@@ -178,7 +180,7 @@ rule learning_performance:
 rule activations_and_failures:
     input:
         expand(f"{RESULTS}/runs/{{run}}/run.json", run=RUNS),
-        modules("figures"),
+        modules("figures", "joined_measures"),
         "notebooks/07_activations_and_failures.ipynb",
     output:
         notebook=f"{EXECUTED}/07_activations_and_failures.ipynb",
@@ -198,7 +200,8 @@ rule claims:
         expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
         f"{RESULTS}/measures/06_learning_performance.csv",
         f"{RESULTS}/measures/07_activations_and_failures.csv",
-        modules("claims"),
+        f"{RESULTS}/measures/10_calibration.csv",
+        modules("claims", "statistics", "figures", "verdict_figures"),
         "srlrepro/claims.toml",
         "notebooks/08_claims.ipynb",
     output:
@@ -206,9 +209,10 @@ rule claims:
         claims=f"{FIGURES}/claims.csv",
         contrasts=f"{FIGURES}/contrasts.csv",
         measures=f"{FIGURES}/measures.csv",
+        figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", NOTE=config["note"]),
+        parameters=parameters(FIGURES=f"../{FIGURES}", SEEDS=SEEDS, NOTE=config["note"]),
     shell:
         execute("08_claims")
 
@@ -232,16 +236,17 @@ rule choices:
 
 rule calibration:
     input:
-        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=[*CALIBRATED, *COMMON]),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
-        modules("figures", "evaluation"),
+        modules("figures", "evaluation", "joined_measures"),
         "notebooks/10_calibration.ipynb",
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
+        measures=f"{RESULTS}/measures/10_calibration.csv",
         figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=CALIBRATED, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]),
+        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=CALIBRATED, COMMON_RUNS=COMMON, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]),
     shell:
         execute("10_calibration")
 

@@ -1,10 +1,10 @@
 """The paper's claims as data (``claims.toml``), and the code that judges them on tables of measures.
 
 A claim is tested on *measures*: a table with the columns measure, alpha, delta, seed, value, in which alpha
-is the text of α or "none", delta is empty where the measure does not depend on it, and seed is that of the run,
-or of the dataset where nothing was trained. Every test becomes one or more *contrasts*, each the mean over seeds
-of a difference that is taken seed by seed, as every condition has the same seeds. A contrast has a range in which
-the claim holds:
+is the text of α or "none", delta is empty where the measure does not depend on it, and seed is that of the
+run, or of the dataset where nothing was trained. Every test becomes one or more *contrasts*, each the mean
+over seeds of a difference that is taken seed by seed, as every condition has the same seeds. A contrast has a
+range in which the claim holds:
 
 =================  ==========================================================  ==========================
 kind               contrast, positive towards the claim                        the claim holds
@@ -23,17 +23,18 @@ most_runs          share of the runs with m(where) ≥ value                    
 that was not measured leaves the claim undecided instead of dropping out.
 
 **The rule**, fixed before the larger set of seeds existed. A contrast *supports* the claim if its whole 95 %
-interval lies in that range, *contradicts* it if the whole interval lies outside, and is *unresolved* otherwise.
-A claim is
+interval lies in that range, *contradicts* it if the whole interval lies outside, and is *unresolved*
+otherwise. A claim is
 
 - **reproduced** if every contrast supports it,
 - **partly** reproduced if at least one supports and at least one contradicts it,
 - **not reproduced** if at least one contradicts and none supports it,
 - **inconclusive** otherwise.
 
-Many contrasts: that *all* of them support is an intersection-union test (Berger, 1982), whose error is at most that of
-a single one, 2.5 %, without any correction. A verdict that rests on *some* contrast is not protected in that way; so it
-is also given with the intervals of all contrasts of the claim made to hold together (Bonferroni), as ``corrected``.
+Many contrasts: that *all* of them support is an intersection-union test (Berger, 1982), whose error is at
+most that of a single one, 2.5 %, without any correction. A verdict that rests on *some* contrast is not
+protected in that way: it is also given, as ``corrected``, with intervals that hold for all contrasts of the
+claim together (Bonferroni).
 """
 
 import itertools
@@ -63,6 +64,7 @@ KINDS = (
 STATES = ("supports", "contradicts", "unresolved", "not measured")
 VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
 PAPER_SEEDS = 3  # Sec. IV-A
+SYMBOLS = {"alpha": "α", "delta": "Δ"}
 Cell = dict[str, Any]
 GRID: dict[str, list[Any]] = {"alpha": ["0", "0.5", "1"], "delta": [1.1, 1.5, 4.0]}  # Sec. IV
 
@@ -120,7 +122,8 @@ def _seeds(table: pd.DataFrame, cell: Cell) -> pd.Series:
 
 
 def _text(cell: Cell) -> str:
-    return " ".join(f"{name} {value}" for name, value in cell.items())
+    text = ", ".join(f"{SYMBOLS[name]} = {value}" for name, value in cell.items())
+    return text.replace("α = none", "no supervisor")
 
 
 def _contrasts(
@@ -134,17 +137,22 @@ def _contrasts(
     where, than = _cells(claim.where), _cells(claim.than)
     if claim.kind in ("decreasing", "increasing"):
         for a, b in itertools.pairwise(GRID[claim.over]):
-            pair = values({claim.over: a}), values({claim.over: b})
-            yield f"{claim.over} {a} to {b}", *(pair if claim.kind == "decreasing" else pair[::-1])
+            first, second = values({claim.over: a}), values({claim.over: b})
+            if claim.kind == "increasing":
+                first, second = second, first
+            yield f"{SYMBOLS[claim.over]} = {a} to {b}", first, second
     elif claim.kind in ("greater", "less"):
         for a, b in itertools.product(where, than):
-            pair = values(a), values(b)
-            yield f"{_text(a)} against {_text(b)}", *(pair if claim.kind == "greater" else pair[::-1])
+            first, second = values(a), values(b)
+            if claim.kind == "less":
+                first, second = second, first
+            yield f"{_text(a)} against {_text(b)}", first, second
     elif claim.kind in ("larger_gap", "smallest_drop"):
         low, high = {claim.over: claim.low}, {claim.over: claim.high}
         for a, b in itertools.product(where, than):
-            changes = [values({**cell, **high}) - values({**cell, **low}) for cell in (a, b)]
-            yield f"{_text(a)} against {_text(b)}, {claim.over} {claim.low} to {claim.high}", *changes
+            first, second = (values({**cell, **high}) - values({**cell, **low}) for cell in (a, b))
+            name = f"{_text(a)} against {_text(b)}, {SYMBOLS[claim.over]} = {claim.low} to {claim.high}"
+            yield name, first, second
     else:
         for a in where:
             measured, sign = values(a), -1.0 if claim.kind == "at_most" else 1.0
@@ -158,7 +166,7 @@ def _contrasts(
 def _state(claim: Claim, low: float, high: float) -> str:
     """What an interval says of the claim: one of `STATES`, of an interval that is there."""
     least, most = claim.holds_within
-    if low > least and high < most or claim.kind in INCLUSIVE and low >= least and high <= most:
+    if (low > least and high < most) or (claim.kind in INCLUSIVE and low >= least and high <= most):
         return "supports"
     return "contradicts" if high < least or low > most else "unresolved"
 
@@ -166,10 +174,11 @@ def _state(claim: Claim, low: float, high: float) -> str:
 def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL) -> pd.DataFrame:
     """The contrasts of a claim, one a row.
 
-    id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs or datasets;
-    spread: standard deviation over them; correlation: of the two conditions over seeds (pairing helps where it is
-    positive); points: whether the estimate alone lies where the claim holds; state; state_of_three: that of an
-    interval of three seeds with this mean and spread.
+    id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs or
+    datasets; spread: standard deviation over them; correlation: of the two conditions over seeds (pairing
+    helps where it is positive); points: whether the estimate alone lies where the claim holds; state: one of
+    `STATES`; half_width_of_three, state_of_three: of an interval of three seeds with this mean and spread;
+    values: of the seeds, one by one.
     """
     table = measures[measures["measure"] == claim.measure]
     rows = []
@@ -184,14 +193,15 @@ def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL) -> pd.D
             else:
                 low, high = mean_interval(mean, spread, n, level)
                 three = mean_interval(mean, spread, PAPER_SEEDS, level)
-            paired = isinstance(b, pd.Series) and n > 2 and spread > 0
             row = {"id": claim.id, "contrast": prefix + name, "estimate": mean, "low": low, "high": high}
             row |= dict(zip(("least", "most"), claim.holds_within, strict=True))
-            row |= {"n": n, "spread": spread, "correlation": a.corr(b) if paired else math.nan}
+            correlation = a.corr(b) if isinstance(b, pd.Series) and n > 2 and spread > 0 else math.nan
+            row |= {"n": n, "spread": spread, "correlation": correlation}
             row["points"] = None if n == 0 else _state(claim, mean, mean) == "supports"
             row["state"] = "not measured" if n == 0 else _state(claim, low, high)
+            row["half_width_of_three"] = (three[1] - three[0]) / 2
             row["state_of_three"] = "not measured" if n == 0 else _state(claim, *three)
-            rows.append(row)
+            rows.append(row | {"values": " ".join(f"{value:.4g}" for value in values)})
     return pd.DataFrame(rows)
 
 
@@ -221,9 +231,19 @@ def judge(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFrame, pd
         if found != "reproduced":  # an intersection-union test needs no correction
             corrected = verdict(evaluate(claim, measures, 1 - (1 - LEVEL) / len(table)))
         way = {None: "not measured", True: "the claim's way", False: "another way"}[points(table)]
+        intervals = (f"{r.estimate:.3g} [{r.low:.3g}, {r.high:.3g}]" for r in table.itertuples())
         counts = {state: int((table["state"] == state).sum()) for state in STATES}
-        row = {"id": claim.id, "statement": claim.statement, "place": claim.place, "paper": claim.paper}
-        row |= {"n": int(table["n"].min()), "contrasts": len(table)} | counts
+        row: dict[str, Any] = {
+            "id": claim.id,
+            "statement": claim.statement,
+            "place": claim.place,
+            "paper": claim.paper,
+        }
+        row |= {
+            "measure": claim.measure,
+            "estimates": "; ".join(intervals),
+            "n": int(table["n"].min()),
+        } | counts
         row |= {"points": way, "verdict": found, "corrected": corrected}
         rows.append(row | {"ill_posed": claim.ill_posed, "joins": claim.joins})
         tables.append(table)

@@ -65,6 +65,8 @@ def truth(one: Claim, sign: float = 1.0) -> Value:
     if one.kind in ("at_least", "at_most"):
         better = 1.0 if one.kind == "at_least" else -1.0
         return lambda c: one.value + better * margin
+    if one.kind == "most_runs":
+        return lambda c: one.value + margin
     if one.kind == "near":
         return lambda c: one.value + (0.0 if sign > 0 else one.tolerance + 0.01)
     return lambda c: margin if matches(c, one.where) and c[one.over] == one.high else 0.0
@@ -82,6 +84,13 @@ def test_the_file_holds_known_claims_with_one_id_each() -> None:
         for cell in (c.where, c.than):
             assert all(isinstance(a, str) for a in cell.get("alpha", []))
             assert all(d in DELTAS for d in cell.get("delta", []))
+
+
+def test_an_ill_posed_claim_is_joined_by_another() -> None:
+    """And nothing else is: a better test says which one it joins, and is itself well-posed."""
+    joined = {c.joins for c in CLAIMS if c.joins}
+    assert joined == {c.id for c in CLAIMS if c.ill_posed} != set()
+    assert not any(c.joins and c.ill_posed for c in CLAIMS)
 
 
 def test_every_kind_but_none_other_is_known() -> None:
