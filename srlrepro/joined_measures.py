@@ -36,7 +36,8 @@ def learning_measures(folder: str | Path) -> dict[str, float]:
 
     ``training_left``: share of the steps that are left when the mean return of a window first reaches
     `SATISFYING` of a perfect trial's, 0 if none does; ``policy_alone_share``: return of the final mean policy
-    without a supervisor over that of a perfect trial.
+    without a supervisor over that of a perfect trial, 0 if it is negative: a policy that loses the target has
+    nothing to show, and how far it falls would drown every other run.
 
     Raises:
         ResultError: the run has not been made.
@@ -48,7 +49,7 @@ def learning_measures(folder: str | Path) -> dict[str, float]:
     reached = curve.loc[curve["mean_return"] >= SATISFYING * best, "step"]
     return {
         "training_left": 1 - float(reached.min()) / result["steps_done"] if len(reached) else 0.0,
-        "policy_alone_share": result["final_policy"]["no supervisor"]["return"] / best,
+        "policy_alone_share": max(0.0, result["final_policy"]["no supervisor"]["return"] / best),
     }
 
 

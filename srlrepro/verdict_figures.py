@@ -15,6 +15,7 @@ STATE_STYLES = {
 }
 HEAD = 3.4  # height of a panel's title and axis, in rows
 ROW = 0.17  # in
+LABEL_WIDTH = 44  # characters of a contrast's name in a line
 
 
 def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
@@ -39,7 +40,7 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
     for border in (least, most):
         ax.axvline(border, color="black", linewidth=0.8)
     ax.set(xlim=(low - margin, high + margin), ylim=(len(contrasts) - 0.4, -0.6))
-    ax.set_yticks(range(len(contrasts)), contrasts["contrast"])
+    ax.set_yticks(range(len(contrasts)), contrasts["contrast"].str.wrap(LABEL_WIDTH))
     ax.tick_params(labelsize=6, length=2)
 
 
@@ -57,7 +58,7 @@ def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int =
             plot_contrasts(ax, contrasts[contrasts["id"] == name])
             note = " (ill-posed)" if claim["ill_posed"] else ""
             ax.set_title(f"{name}: {claim['verdict']}{note}", fontsize=7, loc="left", fontweight="bold")
-            ax.set_xlabel(claim["measure"].replace("_", " "), fontsize=6, labelpad=1)
+            ax.set_xlabel(f"contrast in {claim['measure'].replace('_', ' ')}", fontsize=6, labelpad=1)
     handles = [
         Line2D([], [], color=tint, marker=marker, label=state)
         for state, (tint, marker) in STATE_STYLES.items()

@@ -51,10 +51,10 @@ def states(*rows: tuple[float, float, float]) -> np.ndarray:
     return np.pad(np.array(rows), ((0, 0), (0, 3)))
 
 
-def run(folder: Path, *curve: float) -> Path:
-    """A run of 1000 steps whose curve has the given shares of a perfect trial."""
-    alone = {"no supervisor": {"return": BEST / 4}}
-    write_json(folder / "run.json", {"config": CONFIG, "steps_done": 1000, "final_policy": alone})
+def run(folder: Path, *curve: float, alone: float = 0.25) -> Path:
+    """A run of 1000 steps whose curve, and whose policy alone, have the given shares of a perfect trial."""
+    final = {"no supervisor": {"return": BEST * alone}}
+    write_json(folder / "run.json", {"config": CONFIG, "steps_done": 1000, "final_policy": final})
     steps = np.linspace(1000 / len(curve), 1000, len(curve))
     write_table(folder / "curve.csv", pd.DataFrame({"step": steps, "mean_return": BEST * np.array(curve)}))
     return folder
@@ -66,6 +66,7 @@ def test_when_a_run_has_learned(tmp_path: Path) -> None:
         {"training_left": 0.5, "policy_alone_share": 0.25}
     )
     assert learning_measures(run(tmp_path / "b", 0.1, SATISFYING - 0.01))["training_left"] == 0.0
+    assert learning_measures(run(tmp_path / "c", 0.9, alone=-3.0))["policy_alone_share"] == 0.0
     with pytest.raises(ResultError, match="missing result"):
         learning_measures(tmp_path / "none")
 
