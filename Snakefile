@@ -209,6 +209,7 @@ rule claims:
         claims=f"{FIGURES}/claims.csv",
         contrasts=f"{FIGURES}/contrasts.csv",
         measures=f"{FIGURES}/measures.csv",
+        performance=f"{FIGURES}/final_performance.csv",
         figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],

@@ -15,7 +15,7 @@ STATE_STYLES = {
 }
 HEAD = 3.4  # height of a panel's title and axis, in rows
 ROW = 0.17  # in
-LABEL_WIDTH = 44  # characters of a contrast's name in a line
+LABEL_WIDTH = 56  # characters of a contrast's name in a line
 
 
 def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
