@@ -15,6 +15,10 @@ RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
 SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1])
 CALIBRATED = expand(RUN, alpha=REGIONS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS)
 
+STUDY = config.get("study", "")
+if STUDY:
+    from srlrepro.studies import jobs
+
 
 def modules(*names):
     return [f"srlrepro/{name}.py" for name in names]
@@ -259,3 +263,47 @@ rule behaviour:
         parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("11_behaviour")
+
+
+# The studies beside the grid: in each universe, data, regions and short runs. A universe is one job, which goes
+# on where it was killed; its runs and checkpoints are therefore no outputs of the rule.
+
+UNIVERSES = jobs(STUDY, ALPHAS, SEEDS, config["few"]) if STUDY else {}
+
+
+def all_universes(table):
+    return expand(f"{RESULTS}/universes/{{universe}}/{table}.csv", universe=UNIVERSES)
+
+
+rule universe:
+    input:
+        LEARNING,
+        modules("universe", "provenance"),
+        "notebooks/13_universe.ipynb",
+    output:
+        notebook=f"{EXECUTED}/universes/{{universe}}.ipynb",
+        measures=f"{RESULTS}/universes/{{universe}}/measures.csv",
+        conditions=f"{RESULTS}/universes/{{universe}}/conditions.csv",
+    params:
+        values=config["values"],
+        parameters=lambda w: parameters(**{"DELTAS": DELTAS, "STEPS": config["steps"]} | UNIVERSES[w.universe]),
+    shell:
+        execute("13_universe")
+
+
+rule multiverse:
+    input:
+        all_universes("measures"),
+        all_universes("conditions"),
+        modules("claims", "multiverse", "specification", "figures"),
+        "srlrepro/claims.toml",
+        "srlrepro/multiverse.toml",
+        "notebooks/14_multiverse.ipynb",
+    output:
+        notebook=f"{EXECUTED}/14_multiverse.ipynb",
+        tables=expand(f"{FIGURES}/{{table}}.csv", table=["outcomes", "shares", "flips", "main_effects", "papers_rates"]),
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=list(UNIVERSES), DELTAS=DELTAS, NOTE=config["note"]),
+    shell:
+        execute("14_multiverse")

@@ -44,7 +44,8 @@ KINDS = (
 )
 VERDICTS = ("open", "reproduced", "partly", "not reproduced", "inconclusive")
 Cell = dict[str, Any]
-GRID: dict[str, list[Any]] = {"alpha": ["0", "0.5", "1"], "delta": [1.1, 1.5, 4.0]}  # Sec. IV
+Grid = dict[str, list[Any]]
+GRID: Grid = {"alpha": ["0", "0.5", "1"], "delta": [1.1, 1.5, 4.0]}  # Sec. IV
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,12 @@ def _mean(table: pd.DataFrame, cell: Cell) -> float:
     return float(table["value"].mean())  # NaN if the cell was not measured
 
 
-def _contrasts(claim: Claim, table: pd.DataFrame, fixed: Cell) -> Iterator[tuple[str, float]]:
+def _contrasts(claim: Claim, table: pd.DataFrame, fixed: Cell, grid: Grid) -> Iterator[tuple[str, float]]:
     """(what is compared, how far it points the claim's way) for one value of ``for_each``."""
     kind, sign = claim.kind, -1.0 if claim.kind in ("less", "at_most", "decreasing") else 1.0
     where, than = _cells(claim.where), _cells(claim.than)
     if kind in ("decreasing", "increasing"):
-        for a, b in itertools.pairwise(GRID[claim.over]):
+        for a, b in itertools.pairwise(grid[claim.over]):
             means = [_mean(table, {**fixed, claim.over: level}) for level in (a, b)]
             yield f"{claim.over} {a} to {b}", sign * (means[1] - means[0])
     elif kind in ("greater", "less"):
@@ -121,21 +122,21 @@ def _text(cell: Cell) -> str:
     return " ".join(f"{name} {value}" for name, value in cell.items())
 
 
-def evaluate(claim: Claim, measures: pd.DataFrame) -> pd.DataFrame:
-    """The contrasts of a claim: columns id, contrast, estimate, threshold, seeds, holds.
+def evaluate(claim: Claim, measures: pd.DataFrame, grid: Grid = GRID) -> pd.DataFrame:
+    """The contrasts of a claim over the grid: columns id, contrast, estimate, threshold, seeds, holds.
 
     ``holds`` is empty where a cell was not measured; ``seeds`` is the number of seeds behind the means.
     A table with no rows means that nothing was measured at all.
     """
     table = measures[measures["measure"] == claim.measure]
-    levels = GRID[claim.for_each] if claim.for_each else [None]
+    levels = grid[claim.for_each] if claim.for_each else [None]
     threshold = -claim.tolerance if claim.kind == "near" else claim.tolerance
     strict = claim.kind not in ("near", "at_least", "at_most")
     rows = []
     for level in levels:
         fixed: Cell = {claim.for_each: level} if claim.for_each else {}
         prefix = f"{_text(fixed)}: " if fixed else ""
-        for contrast, estimate in _contrasts(claim, table, fixed):
+        for contrast, estimate in _contrasts(claim, table, fixed, grid):
             holds = None if pd.isna(estimate) else estimate > threshold if strict else estimate >= threshold
             rows.append((claim.id, prefix + contrast, estimate, threshold, table["seed"].nunique(), holds))
     columns = ["id", "contrast", "estimate", "threshold", "seeds", "holds"]

@@ -114,6 +114,12 @@ def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
     return {"return": total, "length": length, "outcome": info["outcome"]}
 
 
+def identify(run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any]:
+    """What tells a run from others: what is trained, every value, and the region."""
+    learned = region.digest() if isinstance(region, SafeRegion) else type(region).__name__
+    return {"run": asdict(run), "config": config.as_dict(), "region": learned}
+
+
 def train(
     run: Run,
     config: Config,
@@ -142,8 +148,7 @@ def train(
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
         require_writable(place)
     model, progress = make_learner(env, config, run.seed), Progress()
-    learned = region.digest() if isinstance(region, SafeRegion) else type(region).__name__
-    identity = {"run": asdict(run), "config": config.as_dict(), "region": learned}
+    identity = identify(run, config, region)
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
         report(f"going on from step {model.num_timesteps}")
@@ -163,15 +168,13 @@ def train(
         )
     trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
     result = {
-        "run": asdict(run),
+        **identity,
         "steps_done": model.num_timesteps,
         "counts": count(trials),
         "final_policy": {
             "own condition": evaluate(model, make_env(run, config, region)),
             "no supervisor": evaluate(model, ThreeLinkCircleEnv(run.delta, config=config)),
         },
-        "config": config.as_dict(),
-        "region": learned,
         "provenance": provenance(progress.seconds),
     }
     write_table(folder / "trials.csv", trials)
