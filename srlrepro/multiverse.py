@@ -8,8 +8,9 @@ A *universe* takes one level of every choice. Two designs (Steegen et al., 2016)
   whatever the others are. Over it, a choice's main effect on a claim is tested by Kruskal and Wallis on the
   claim's margins, with Benjamini and Hochberg's correction over the choices.
 
-The *margin* of a claim is the smallest of estimate − threshold over its contrasts (see `claims`): the claim holds
-where it is positive. Training data and learners are drawn anew by two of the "choices", which so measure chance.
+The *margin* of a claim is the smallest of estimate − threshold over its contrasts (see `claims`): the claim
+holds where it is positive. Two of the "choices" draw the training data and the learner anew, and so measure
+chance.
 """
 
 import re
@@ -81,7 +82,7 @@ def design(choices: Iterable[Choice], drawn: int = DRAWN, seed: int = DESIGN_SEE
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("id")
 
 
-def settings(choices: Iterable[Choice], universe: Mapping[str, str]) -> dict[str, Any]:
+def settings(choices: Iterable[Choice], universe: Mapping[Any, str]) -> dict[str, Any]:
     """{name: value} of everything in which a row of the design differs from the default."""
     values: dict[str, Any] = {}
     for c in choices:
@@ -135,15 +136,18 @@ def shares(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
 
 def flips(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
     """The alternatives that, alone, turn a claim of the default universe: claim, choice, level, holds."""
-    alone = universes[universes["design"] == ALONE].drop(columns="design")
-    held = results.pivot_table(index="id", columns="claim", values="holds", aggfunc="first", dropna=False)
     rows = []
-    for name, levels in alone.iloc[1:].iterrows():
-        changed = levels.index[levels != alone.loc["default"]][0]
-        for claim in held:
-            before, after = held.loc["default", claim], held.loc[name, claim]
-            if pd.notna(before) and pd.notna(after) and before != after:
-                rows.append((claim, changed, levels[changed], bool(after)))
+    alone = universes[universes["design"] == ALONE].drop(columns="design")
+    decided = results.dropna(subset="holds").set_index("id")
+    before = dict(decided.loc[decided.index == "default", ["claim", "holds"]].to_numpy())
+    for name, levels in alone.drop(index="default").iterrows():
+        (choice,) = levels.index[levels != alone.loc["default"]]
+        after = decided.loc[decided.index == name, ["claim", "holds"]].to_numpy()
+        rows += [
+            (claim, choice, levels[choice], held)
+            for claim, held in after
+            if claim in before and held != before[claim]
+        ]
     return pd.DataFrame(rows, columns=["claim", "choice", "level", "holds"])
 
 
@@ -151,16 +155,16 @@ def main_effects(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
     """Which choices move a claim's margin over the random design.
 
     Columns: claim, choice, levels ("level: share held (n)", in words), spread (of the shares held), effect
-    (ε² = H / (n − 1), the share of the ranks' variance), p (Kruskal and Wallis), q (p corrected over the choices of
-    a claim). A choice with fewer than two levels measured is left out.
+    (ε² = H / (n − 1), the share of the ranks' variance), p (Kruskal and Wallis), q (p corrected over the
+    choices of a claim). A choice with fewer than two levels measured twice is left out.
     """
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     drawn = universes[universes["design"] == RANDOM]
     for claim, group in results.dropna(subset="margin").groupby("claim", sort=False):
         table = group.set_index("id").join(drawn, how="inner")
-        found = []
+        found: list[tuple[Any, ...]] = []
         for choice in drawn.columns.drop("design"):
-            levels = {level: part for level, part in table.groupby(choice, sort=False) if len(part) > 1}
+            levels = {str(level): part for level, part in table.groupby(choice, sort=False) if len(part) > 1}
             if len(levels) < 2 or table["margin"].nunique() < 2:
                 continue
             h, p = kruskal(*(part["margin"] for part in levels.values()))
@@ -168,8 +172,9 @@ def main_effects(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
             words = ", ".join(f"{level}: {held[level]:.2f} ({len(part)})" for level, part in levels.items())
             spread = max(held.values()) - min(held.values())
             found.append((claim, choice, words, spread, h / (len(table) - 1), p))
-        corrected = false_discovery_control([row[-1] for row in found]) if found else []
-        rows += [(*row, q) for row, q in zip(found, corrected, strict=True)]
+        if found:
+            corrected = false_discovery_control([row[-1] for row in found])
+            rows += [(*row, q) for row, q in zip(found, corrected, strict=True)]
     return pd.DataFrame(rows, columns=["claim", "choice", "levels", "spread", "effect", "p", "q"])
 
 
@@ -180,6 +185,7 @@ def papers_rates(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
     tolerances), design and levels.
     """
     rates = results[results["claim"].isin(RATES)].dropna(subset="margin")
-    table = rates.pivot(index="id", columns="claim", values="value").reindex(columns=list(RATES)).dropna()
+    table = rates.pivot_table(index="id", columns="claim", values="value").reindex(columns=list(RATES))
+    table = table.dropna()
     table["margin"] = rates.groupby("id")["margin"].min()
     return table.join(universes).sort_values("margin", ascending=False).reset_index()

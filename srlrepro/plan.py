@@ -19,8 +19,9 @@ class Study(NamedTuple):
     steps: int
 
 
-# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 92 universes of 8 runs of 150 000 steps, and 40 s for the regions and the
-# kernel of each, take four hours of a core, so two hours on two cores. By then most activations of K have occurred.
+# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 92 universes of 8 runs of 150 000 steps,
+# and half a minute for the kernel and the regions of each, take four hours of a core, so two on two cores. By
+# then most activations of K have occurred.
 STUDIES = {
     "multiverse": Study("vary what the paper leaves open, in many short runs", [1.1, 4.0], 1, 150_000),
     "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 300_000),

@@ -15,11 +15,11 @@ from srlrepro.multiverse import ALONE, RANDOM, Choice
 
 LEVEL_COLORS = ("#D9D9D9", "#E69F00", "#CC79A7")  # the default, first and second alternative
 SHAPES = {ALONE: "o", RANDOM: "^"}
-HOLDS, FAILS, PAPER = "#1B1B1B", "#FFFFFF", "#B00000"
+HOLDS, FAILS, PAPER, DEFAULT = "#1B1B1B", "#FFFFFF", "#B00000", "#0072B2"
 
 
 def curve_table(claim: Claim, results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
-    """The universes in which the claim can be evaluated, by rising value: id, value, holds, and the levels."""
+    """The universes that the claim can be evaluated in, by rising value: id, value, holds, design, levels."""
     own = results[(results["claim"] == claim.id) & results["holds"].notna()]
     own = own.join(universes, on="id").drop(columns=["claim", "margin", "why"])
     return own.assign(holds=own["holds"].astype(bool)).sort_values("value", kind="stable", ignore_index=True)
@@ -74,7 +74,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
     handles = [
         *(Line2D([], [], ls="", marker=m, color=HOLDS, label=k) for k, m in SHAPES.items()),
         Line2D([], [], ls="", marker="o", mfc=FAILS, mec=HOLDS, label="does not hold"),
-        Line2D([], [], ls="", marker="s", mfc="none", mec="#0072B2", markersize=9, label="default"),
+        Line2D([], [], ls="", marker="s", mfc="none", mec=DEFAULT, markersize=9, label="default"),
         Line2D([], [], color=PAPER, label=line),
         *(Patch(color=c, label=n) for c, n in zip(LEVEL_COLORS, ("1st level", "2nd", "3rd"), strict=True)),
     ]
@@ -83,7 +83,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
 
 
 def plot_shares(table: pd.DataFrame) -> Figure:
-    """The share of universes in which each claim holds, by design, with 95 % intervals; table: of `shares`."""
+    """The share of universes in which each claim holds, by design, with its interval; table: of `shares`."""
     names = list(dict.fromkeys(table["claim"]))[::-1]
     figure, ax = plt.subplots(figsize=(7.0, 0.32 * len(names) + 1.2))
     for shift, (kind, shape) in zip((0.14, -0.14), SHAPES.items(), strict=True):
@@ -93,11 +93,8 @@ def plot_shares(table: pd.DataFrame) -> Figure:
         fill = HOLDS if kind == ALONE else "#E69F00"
         ax.errorbar(part["share"], place, xerr=reach, fmt=shape, color=fill, markersize=4, label=kind)
     ax.set_yticks(range(len(names)), names)
-    ax.set(
-        xlim=(-0.03, 1.03),
-        ylim=(-0.7, len(names) - 0.3),
-        xlabel="share of the evaluable universes in which the claim holds",
-    )
+    ax.set(xlim=(-0.03, 1.03), ylim=(-0.7, len(names) - 0.3))
+    ax.set_xlabel("share of the evaluable universes in which the claim holds")
     ax.grid(axis="x", color="#DDDDDD")
     ax.set_axisbelow(True)
     figure.legend(loc="outside lower center", ncols=2)

@@ -22,7 +22,7 @@ def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str
         universes = universes.iloc[:: len(universes) // (FEW - 1)]
     found = {}
     for name, levels in universes.iterrows():
-        values = settings(choices, levels)
+        values = settings(choices, levels.to_dict())
         drawn = {"DATA_SEED": values.pop("data_seed", 0), "SEEDS": [values.pop("seed", 0)]}
-        found[str(name)] = {"ID": name, "ALPHAS": alphas, "SETTINGS": values} | drawn
+        found[str(name)] = {"ID": str(name), "ALPHAS": alphas, "SETTINGS": values} | drawn
     return found

@@ -1,4 +1,4 @@
-"""One universe: the whole replication, from the training data to the claims' measures, under one set of values.
+"""One universe: the whole replication, from training data to measures, under one set of values.
 
 A universe that violates a condition which the paper states as its set-up is not trained in: no claim of the
 paper is about it. Its conditions and the measures of its regions are kept.
@@ -19,7 +19,7 @@ from srlrepro.files import read_arrays, read_json, read_table
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import code_hash
 from srlrepro.safe_region import SafeRegion, learn
-from srlrepro.sampling import TrainingData, generate, known_states
+from srlrepro.sampling import TrainingData, generate
 from srlrepro.training import VISITED_FORMAT, Run, identify, train
 
 Learned = dict[str, tuple[TrainingData, SafeRegion]]  # by the text of α
@@ -60,9 +60,9 @@ class Universe:
 def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
     """What the paper states as its set-up and can be seen without a training: condition, value, met.
 
-    The origin is asymptotically stable under K for every Δ, and known to be safe (Sec. II-A): near upright the
-    spectral radius is below 1, and Γ(Ψ(0)) > p_t. Fig. 2 (a)-(c): states of both labels; θ1 and θ̇1 of the MND
-    correlate positively. That free PPO learns to track cannot be seen at a reduced budget.
+    The origin is asymptotically stable under K for every Δ, and known to be safe (Sec. II-A): near upright
+    the spectral radius is below 1, and Γ(Ψ(0)) > p_t. Fig. 2 (a)-(c): states of both labels; θ1 and θ̇1 of
+    the MND correlate positively. That free PPO learns to track cannot be seen at a reduced budget.
     """
     rows: list[tuple[str, float, bool]] = []
     for delta in universe.deltas:
@@ -71,10 +71,9 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
         rows.append((f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
     for alpha, (data, region) in learned.items():
         share, gamma = float(data.z.mean()), float(region.safety(np.zeros((1, 6)))[0])
+        accepted = gamma > universe.config.paper.p_t
         rows.append((f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
-        rows.append(
-            (f"the region of α = {alpha} accepts the origin", gamma, gamma > universe.config.paper.p_t)
-        )
+        rows.append((f"the region of α = {alpha} accepts the origin", gamma, accepted))
     for data, _ in list(learned.values())[:1]:  # the MND is the same for every α
         covariance = float(data.mnd.covariance[0, 3])
         rows.append(("θ1 and θ̇1 correlate positively in the MND", covariance, covariance > 0))
@@ -99,8 +98,8 @@ def region_measures(universe: Universe, learned: Learned) -> list[tuple[Any, ...
 def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tuple[Any, ...]]:
     """Train every cell, and return the rows of its measures.
 
-    Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A cell that
-    the same code has finished with the same values is read, not trained again.
+    Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A
+    cell that the same code has finished with the same values is read, not trained again.
     """
     rows = []
     for run in universe.runs:
