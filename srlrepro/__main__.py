@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from srlrepro.config import Choices, Config, Paper, ParameterError, parse_settings
+from srlrepro.config import Choices, Config, Paper, ParameterError, check, parse_settings
 from srlrepro.plan import Parser
 
 
@@ -67,6 +67,9 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
     sub.add_argument("--region", type=Path, help="file that the command region wrote; not with --alpha none")
+    sub.add_argument(
+        "--data", type=Path, help="instead: file that the command data wrote, to learn the hypothesis from"
+    )
     sub.add_argument("--out", type=Path, required=True, help="folder to write")
     settings(sub)
 
@@ -110,7 +113,9 @@ def _region(arguments: argparse.Namespace) -> None:
     from srlrepro.safe_region import learn
     from srlrepro.sampling import TrainingData
 
-    region = learn(TrainingData.load(arguments.data), _config(arguments), arguments.seed)
+    config = _config(arguments)
+    _require_tsne(config, "region", arguments.out)
+    region = learn(TrainingData.load(arguments.data), config, arguments.seed)
     region.save(arguments.out)
     print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
 
@@ -124,14 +129,36 @@ def _label(arguments: argparse.Namespace) -> None:
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 
-def _train(arguments: argparse.Namespace) -> None:
+def _require_tsne(config: Config, name: str, value: object) -> None:
+    """Refuse files of regions where another hypothesis is asked for."""
+    kind = config.choices.hypothesis
+    check(kind == "tsne", name, value, f"left out: hypothesis = {kind} is learned afresh, by train --data")
+
+
+def _hypothesis(arguments: argparse.Namespace, config: Config) -> Any:
+    """The hypothesis of a run, if its command line gives what it takes."""
+    from srlrepro.hypotheses import ORACLES, learn
     from srlrepro.safe_region import SafeRegion
+    from srlrepro.sampling import TrainingData
+
+    data, region = arguments.data, arguments.region
+    if region is not None:
+        check(data is None, "--data", data, "left out with --region")
+        _require_tsne(config, "--region", region)
+        return SafeRegion.load(region)
+    oracle = arguments.alpha is not None and config.choices.hypothesis in ORACLES
+    if data is None and not oracle:
+        return None
+    return learn(None if data is None else TrainingData.load(data), config, delta=arguments.delta)
+
+
+def _train(arguments: argparse.Namespace) -> None:
     from srlrepro.training import Run, train
 
     config = _config(arguments)
     steps = config.choices.total_steps if arguments.steps is None else arguments.steps
     run = Run(arguments.alpha, arguments.delta, arguments.seed, steps)
-    region = None if arguments.region is None else SafeRegion.load(arguments.region)
+    region = _hypothesis(arguments, config)
     result = train(run, config, region, arguments.out, arguments.out / "checkpoint.zip")
     print(json.dumps({"counts": result["counts"], "final_policy": result["final_policy"]}, indent=1))
 

@@ -215,6 +215,20 @@ class Choices:
     checkpoint_updates: int = chosen(
         100, "[1, inf)", "", "updates between two checkpoints", "half a minute of work is lost at most"
     )
+    hypothesis: str = chosen(
+        "tsne",
+        "tsne|euclidean|pca|knn|svm|mlp|nominal|real",
+        "",
+        "what the supervisor predicts safety with (`hypotheses`)",
+        "the paper's low-dimensional safe region; the others ask what the low dimension is worth",
+    )
+    corrective: str = chosen(
+        "K",
+        "K|none",
+        "",
+        "what acts after an early stop: K, or nothing, and the trial ends all the same",
+        "eq. (6); without K, what the early stop alone does for learning",
+    )
     early_stop: str = chosen(
         "terminate",
         "terminate|truncate",

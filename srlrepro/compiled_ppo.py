@@ -27,7 +27,7 @@ from srlrepro.updating import STATISTICS, Loss, Optimizer, Samples, update
 
 
 class CompiledPPO(PPO):
-    """PPO for `ThreeLinkCircleEnv`, bare or under a `Supervisor` with a `SafeRegion`.
+    """PPO for `ThreeLinkCircleEnv`, bare or under a `Supervisor` with a `CompiledHypothesis`.
 
     ``save``, ``load``, ``predict``, ``evaluate_policy``, the logger and the callbacks work as with stock PPO.
     Callbacks see every step, with what stock PPO tells them of it (but for the tensors of π and V), after

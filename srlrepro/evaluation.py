@@ -16,16 +16,16 @@ from srlrepro.config import Config, condition
 from srlrepro.files import read_json, read_table, write_table
 from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats
-from srlrepro.safe_region import SafeRegion
 from srlrepro.sampling import MultivariateNormal, sample_mnd, sample_uniform
+from srlrepro.supervisor import CompiledHypothesis
 
 TEST_STATES = 5000  # per distribution: the standard error of a share is at most 0.007
 BINS = 10
 LAST_SHARE = 10  # the end of a training is the last tenth of its steps
 
 
-def classification(region: SafeRegion, x: Floats, labels: Labels) -> dict[str, float]:
-    """Errors of h and Γ on the states x [B, 6] with true labels [B].
+def classification(region: CompiledHypothesis, x: Floats, labels: Labels) -> dict[str, float]:
+    """Errors of any hypothesis h, and of its Γ = P(l(x) = 1), on the states x [B, 6] with true labels [B].
 
     ``error``: E[I(h ≠ l)], eq. (9); ``false_positives``, ``false_negatives``: its two parts, eq. (12);
     ``accepted``: share with h = 1; ``safe``: share with l = 1; ``precision``: P(l = 1 | h = 1); ``recall``:
@@ -56,7 +56,7 @@ def test_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> dict
     return {name: (x, nominal.predict(x)) for name, x in states.items()}
 
 
-def reliability(region: SafeRegion, x: Floats, labels: Labels) -> pd.DataFrame:
+def reliability(region: CompiledHypothesis, x: Floats, labels: Labels) -> pd.DataFrame:
     """Observed share of safe states against the mean predicted Γ, in bins of equal width of Γ."""
     observed, predicted = calibration_curve(labels, region.safety(x), n_bins=BINS)
     return pd.DataFrame({"predicted": predicted, "observed": observed})
@@ -115,19 +115,20 @@ def run_measures(result: Mapping[str, Any], trials: pd.DataFrame) -> dict[str, f
     """Measures of one training run.
 
     ``final_return``: mean return of the trials that end in the last tenth of the steps; ``success_rate``:
-    recovered / activations; ``violations_per_1000_steps``: failures of K and falls of π;
+    recovered / activations where K was tried; ``violations_per_1000_steps``: failures of K and falls of π;
     ``policy_return_share``: return of the final mean policy in its own condition over a perfect one.
     """
     counts, steps = result["counts"], result["steps_done"]
     values = result["config"]
     last = trials[trials["step"] > steps * (1 - 1 / LAST_SHARE)]
-    failures = counts["activations"] - counts["recovered"]
+    tried = counts["recovered"] + counts["hit_the_ground"] + counts["not_recovered_in_time"]
+    failures = tried - counts["recovered"]
     best = values["reward_constant"] * round(values["trial_length"] / values["control_period"])
     measures = {
         "final_return": float(last["return"].mean()),
         "violations_per_1000_steps": 1000.0 * (failures + counts["falls"]) / steps,
         "policy_return_share": result["final_policy"]["own condition"]["return"] / best,
     }
-    if counts["activations"]:
-        measures["success_rate"] = counts["recovered"] / counts["activations"]
+    if tried:
+        measures["success_rate"] = counts["recovered"] / tried
     return measures

@@ -171,5 +171,5 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "values": config.as_dict(),
         "note": note,
         "study": arguments.study,
-        "few": arguments.quick,
+        "few": arguments.quick and bool(arguments.study),
     }

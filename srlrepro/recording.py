@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from srlrepro.checkpoint import Progress, save
-from srlrepro.labels import HIT_GROUND, OUTCOMES
+from srlrepro.labels import HIT_GROUND, NOT_RECOVERED, OUTCOMES
 from srlrepro.pendulum import Floats
 
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
@@ -105,7 +105,7 @@ def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame
     """
     within = (trials["step"] - 1) // window
     grouped = trials.assign(
-        failure=trials["activated"] & (trials["recovery"] != "recovered"),
+        failure=trials["recovery"].isin([OUTCOMES[HIT_GROUND], OUTCOMES[NOT_RECOVERED]]),
         fall=trials["outcome"] == OUTCOMES[HIT_GROUND],
     ).groupby(within)
     every = pd.RangeIndex(rows)
@@ -121,7 +121,8 @@ def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame
 
 def count(trials: pd.DataFrame) -> dict[str, int]:
     """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
-    did not prevent: falls of π, and trials given up by the rate bound."""
+    did not prevent: falls of π, and trials given up by the rate bound. Where K was not tried, the activation
+    counts as neither a recovery nor a failure."""
     active = trials[trials["activated"].astype(bool)]
     counts = {"trials": len(trials), "activations": len(active)}
     counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}

@@ -11,9 +11,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from srlrepro.config import ParameterError
 from srlrepro.env import ENDS, ThreeLinkCircleEnv
-from srlrepro.labels import OUTCOMES
 from srlrepro.rollout import Steps
-from srlrepro.supervisor import SUPERVISED, Guard, Supervisor, nobody
+from srlrepro.supervisor import RECOVERIES, SUPERVISED, Guard, Supervisor, nobody
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Stack:
             info: dict[str, Any] = {"outcome": SUPERVISED if recovery else ENDS[end]}
             if self.supervisor is not None:
                 info["activated"] = recovery != 0
-                info["recovery"] = OUTCOMES[recovery] if recovery else ""
+                info["recovery"] = RECOVERIES[recovery] if recovery else ""
                 info["recovery_time"] = int(steps.recovery_periods[n]) * dt if recovery else 0.0
             info["TimeLimit.truncated"] = bool(cut_off)
             monitor.rewards.append(reward)

@@ -22,6 +22,7 @@ from srlrepro.assessment import RegionArrays, discretise, query_batch
 from srlrepro.config import Choices, Config, Paper, check
 from srlrepro.embedding import dissimilarity, embed, map_states
 from srlrepro.files import ResultError, read_arrays, write_arrays
+from srlrepro.judging import MAP, Judge
 from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats, as_states
 from srlrepro.sampling import TrainingData, known_states
@@ -105,7 +106,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
 
     def fit_embedding(self, x: ArrayLike, z: ArrayLike, y: ArrayLike) -> "SafeRegion":
         """Learn Ψ and Γ from states x [k, 6], labels z [k] and given simplified states y [k, 2]."""
-        states, labels, places = as_states(x), np.asarray(z), np.asarray(y, dtype=np.float64)
+        states, labels, places = as_states(x), np.asarray(z), np.ascontiguousarray(y, dtype=np.float64)
         k = len(states)
         self._check_parameters(k)
         check(labels.shape == (k,), "z", f"shape {labels.shape}", f"labels of shape [{k}]")
@@ -161,6 +162,11 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def predict(self, x: ArrayLike) -> Labels:
         """h(x) [B] of eq. (8): 1 if Γ(Ψ(x)) > p_t, else 0."""
         return (self.safety(x) > self.p_t).astype(np.int64)  # eq. (5)
+
+    @property
+    def judge(self) -> Judge:
+        """This hypothesis for `safe_probability`."""
+        return Judge(MAP, self.arrays_)
 
     def digest(self) -> str:
         """SHA-256 of what h depends on, to tell regions apart."""

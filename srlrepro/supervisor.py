@@ -1,35 +1,38 @@
 """The supervisor of eq. (6): π(x) until the first predicted-unsafe state, then K(x), then a new trial."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from srlrepro.assessment import RegionArrays, query
 from srlrepro.config import ParameterError
 from srlrepro.env import TIME_OVER, Task, ThreeLinkCircleEnv
-from srlrepro.labels import OUTCOMES, ClosedLoop, Labels, Rollouts, recover
+from srlrepro.judging import NO_GAINS, Judge, safe_probability
+from srlrepro.labels import NOT_RECOVERED, OUTCOMES, ClosedLoop, Labels, Rollouts, recover
 from srlrepro.lqg import LQG, Gains
 from srlrepro.pendulum import Floats, jit
-from srlrepro.safe_region import SafeRegion
 
 SUPERVISED = "supervised"
+NOT_TRIED = NOT_RECOVERED + 1  # an activation where the trial ends without K
+RECOVERIES = OUTCOMES | {NOT_TRIED: "not tried"}
 
 
 class Guard(NamedTuple):
-    """A supervisor whose hypothesis is a `SafeRegion`, as compiled code takes it.
+    """A supervisor as compiled code takes it.
 
     Attributes:
         active: False: nobody watches, and the rest is not read.
-        region, p_t: h(x) = 1 if Γ(Ψ(x)) > p_t.
+        judge, p_t: h(x) = 1 if P(l(x) = 1) > p_t.
+        corrects: whether K acts; False: an activation only ends the trial.
         gains, periods: of K, which has so many periods to recover the system.
         terminates: an activation of K ends the trial for the learner; False: cuts it off.
     """
 
     active: bool
-    region: RegionArrays
+    judge: Judge
     p_t: float
+    corrects: bool
     gains: Gains
     periods: int
     terminates: bool
@@ -37,14 +40,16 @@ class Guard(NamedTuple):
 
 @jit
 def watch(guard: Guard, task: Task, x: Floats, ended: int) -> tuple[int, int]:
-    """After a period of π, at x [6]: (outcome of K, its control periods), or (0, 0) if K is not needed.
+    """After a period of π, at x [6]: (one of `RECOVERIES`, periods of K), or (0, 0) if K is not needed.
 
     ended: what `advance` says of the trial.
     """
     if not guard.active or not (ended == 0 or ended == TIME_OVER):
         return 0, 0
-    if query(guard.region, x)[2] > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
+    if safe_probability(guard.judge, x) > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
         return 0, 0
+    if not guard.corrects:
+        return NOT_TRIED, 0
     return recover(task.coefficients, guard.gains, task.limits, guard.periods, x, np.empty((0, 6)))
 
 
@@ -53,6 +58,29 @@ class Hypothesis(Protocol):
 
     def predict(self, x: ArrayLike) -> Labels:
         """Labels [B] of the states x [B, 6]: 1 = safe."""
+        ...
+
+
+@runtime_checkable
+class CompiledHypothesis(Hypothesis, Protocol):
+    """A hypothesis that compiled code knows: h(x) = 1 if P(l(x) = 1) > p_t (`hypotheses`)."""
+
+    @property
+    def p_t(self) -> float:
+        """Threshold of eq. (5)."""
+        ...
+
+    @property
+    def judge(self) -> Judge:
+        """This hypothesis for `safe_probability`."""
+        ...
+
+    def safety(self, x: ArrayLike) -> Floats:
+        """P(l(x) = 1) [B] of the states x [B, 6]."""
+        ...
+
+    def digest(self) -> str:
+        """SHA-256 of what h depends on, to tell hypotheses apart."""
         ...
 
 
@@ -67,12 +95,13 @@ class Supervisor(
        the trial ends; this is a violation that the supervisor did not foresee;
     2. else h(x) = 0: K is activated and runs on the real system until it has recovered it, or failed;
        the trial ends. For the learner the trial *terminates* at x (or, if ``early_stop`` is
-       "truncate", is cut off there); the steps of K are not its steps, and carry no reward;
+       "truncate", is cut off there); the steps of K are not its steps, and carry no reward. If
+       ``corrective`` is "none", the trial ends in the same way, but K does not run;
     3. else π goes on, until the time limit.
 
     ``info`` of every step: ``activated``; ``recovery`` ("recovered", "hit the ground", "not recovered in
-    time", or "" while K was not needed); ``recovery_time`` in s; and ``outcome`` of the trial, which is
-    "supervised" if K was activated, else the environment's.
+    time", "not tried", or "" while K was not needed); ``recovery_time`` in s; and ``outcome`` of the trial,
+    which is "supervised" if K was activated, else the environment's.
 
     Args:
         env: a `ThreeLinkCircleEnv`, wrapped or not.
@@ -97,6 +126,7 @@ class Supervisor(
         self.task = task
         self.region = region
         self.loop = ClosedLoop(task.pendulum, controller, task.rule)
+        self.corrects = task.config.choices.corrective == "K"
         self.recovery: Rollouts | None = None
 
     def reset(
@@ -118,11 +148,11 @@ class Supervisor(
         observation, reward, terminated, truncated, info = self.env.step(action)
         info |= {"activated": False, "recovery": "", "recovery_time": 0.0}
         if not terminated and not self._predicted_safe():
-            self.recovery = self.loop.rollout(self.task.state)
-            info["activated"] = True
-            info["recovery"] = OUTCOMES[int(self.recovery.outcomes[0])]
-            info["recovery_time"] = float(self.recovery.durations[0])
-            info["outcome"] = SUPERVISED
+            info |= {"activated": True, "recovery": RECOVERIES[NOT_TRIED], "outcome": SUPERVISED}
+            if self.corrects:
+                self.recovery = self.loop.rollout(self.task.state)
+                info["recovery"] = RECOVERIES[int(self.recovery.outcomes[0])]
+                info["recovery_time"] = float(self.recovery.durations[0])
             terminated = self.task.config.choices.early_stop == "terminate"
             truncated = not terminated
         return observation, float(reward), terminated, truncated, info
@@ -132,15 +162,15 @@ class Supervisor(
         """This supervisor for `watch`.
 
         Raises:
-            ParameterError: its hypothesis is not a `SafeRegion`.
+            ParameterError: its hypothesis is not a `CompiledHypothesis`.
         """
-        if not isinstance(self.region, SafeRegion):
+        if not isinstance(self.region, CompiledHypothesis):
             raise ParameterError(
-                f"region = a {type(self.region).__name__}: must be a SafeRegion in compiled code"
+                f"region = a {type(self.region).__name__}: must be a hypothesis that compiled code knows"
             )
         _, gains, _, periods = self.loop.kernel_arguments
         ends = self.task.config.choices.early_stop == "terminate"
-        return Guard(True, self.region.arrays_, self.region.p_t, gains, periods, ends)
+        return Guard(True, self.region.judge, self.region.p_t, self.corrects, gains, periods, ends)
 
     def _predicted_safe(self) -> bool:
         return bool(self.region.predict(self.task.state)[0] == 1)
@@ -148,6 +178,4 @@ class Supervisor(
 
 def nobody() -> Guard:
     """The guard of an environment without a supervisor."""
-    none, table = np.zeros(0), np.zeros((0, 0))
-    region = RegionArrays(none, table, table, 0, table, none, 0.0)
-    return Guard(False, region, 0.0, (table, table, table, table, 0.0), 0, True)
+    return Guard(False, Judge(), 0.0, True, NO_GAINS, 0, True)

@@ -32,8 +32,7 @@ from srlrepro.files import beside, require_writable, write_arrays, write_json, w
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import provenance
 from srlrepro.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
-from srlrepro.safe_region import SafeRegion
-from srlrepro.supervisor import Hypothesis, Supervisor
+from srlrepro.supervisor import CompiledHypothesis, Hypothesis, Supervisor
 
 VISITED_FORMAT = "srlrepro-visited-1"
 
@@ -116,7 +115,7 @@ def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
 
 def identify(run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any]:
     """What tells a run from others: what is trained, every value, and the region."""
-    learned = region.digest() if isinstance(region, SafeRegion) else type(region).__name__
+    learned = region.digest() if isinstance(region, CompiledHypothesis) else type(region).__name__
     return {"run": asdict(run), "config": config.as_dict(), "region": learned}
 
 

@@ -20,6 +20,8 @@ from stable_baselines3.common.monitor import Monitor
 from srlrepro.compiled_ppo import CompiledPPO
 from srlrepro.config import Config, ParameterError
 from srlrepro.env import ThreeLinkCircleEnv
+from srlrepro.hypotheses import learn as learn_hypothesis
+from srlrepro.sampling import generate
 from srlrepro.supervisor import Hypothesis, Supervisor
 from srlrepro.training import Run, make_env, make_learner
 
@@ -82,6 +84,14 @@ def close(a: Any, b: Any, tolerance: float = 1e-3) -> None:
     np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)
 
 
+DATA = generate(0.0, Config().with_values(k=200, random_rollouts=200), seed=0)
+
+
+def hypothesis(kind: str) -> Hypothesis:
+    """A hypothesis of another kind, learned from few states."""
+    return learn_hypothesis(DATA, Config().with_values(hypothesis=kind))
+
+
 CONDITIONS = pytest.mark.parametrize(
     ("run", "region", "values"),
     [
@@ -90,8 +100,20 @@ CONDITIONS = pytest.mark.parametrize(
         (FREE, None, {"hidden_layers": 1, "trial_length": 0.03}),
         (SUPERVISED, REGION, {"hidden_layers": 3}),
         (SUPERVISED, REGION, {"early_stop": "truncate", "trial_length": 0.1}),
+        (SUPERVISED, REGION, {"corrective": "none"}),
+        *((SUPERVISED, hypothesis(kind), {}) for kind in ("pca", "mlp", "nominal")),
     ],
-    ids=["free", "free, scaled", "free, time limits", "supervised", "supervised, truncating"],
+    ids=[
+        "free",
+        "free, scaled",
+        "free, time limits",
+        "supervised",
+        "supervised, truncating",
+        "early stop without K",
+        "pca",
+        "mlp",
+        "nominal",
+    ],
 )
 
 
@@ -341,7 +363,7 @@ def test_other_environments_are_refused() -> None:
             CompiledPPO("MlpPolicy", env, n_steps=64, batch_size=16, device="cpu").learn(64)
     env = make_env(SUPERVISED, CONFIG, NARROW)
     assert isinstance(env, Supervisor)
-    with pytest.raises(ParameterError, match="must be a SafeRegion in compiled code"):
+    with pytest.raises(ParameterError, match="must be a hypothesis that compiled code knows"):
         make_learner(env, CONFIG, 0).learn(64)
 
 

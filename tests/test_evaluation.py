@@ -86,7 +86,7 @@ def test_measures_round_trip(tmp_path: Path) -> None:
 def test_measures_of_a_run_by_hand() -> None:
     steps = 100 * LAST_SHARE
     trials = pd.DataFrame({"step": [10, steps - 50, steps], "return": [-1000.0, 100.0, 300.0]})
-    counts = {"activations": 4, "recovered": 3, "falls": 2}
+    counts = {"activations": 5, "recovered": 3, "hit_the_ground": 1, "not_recovered_in_time": 0, "falls": 2}
     config = CONFIG.as_dict()
     best = config["reward_constant"] * config["trial_length"] / config["control_period"]
     result = {
@@ -104,8 +104,9 @@ def test_measures_of_a_run_by_hand() -> None:
             "success_rate": 0.75,
         }
     )
-    free = result | {"counts": counts | {"activations": 0, "recovered": 0}}
-    assert "success_rate" not in run_measures(free, trials)
+    free = result | {"counts": counts | {"recovered": 0, "hit_the_ground": 0}}
+    measures = run_measures(free, trials)  # with 5 activations where K was not tried
+    assert "success_rate" not in measures and measures["violations_per_1000_steps"] == 2.0
 
 
 def test_a_missing_run_is_named(tmp_path: Path) -> None:
