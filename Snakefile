@@ -278,7 +278,7 @@ def all_universes(table):
 rule universe:
     input:
         LEARNING,
-        modules("universe", "provenance"),
+        modules("universe", "provenance", "hypotheses", "judging"),
         "notebooks/13_universe.ipynb",
     output:
         notebook=f"{EXECUTED}/universes/{{universe}}.ipynb",
@@ -307,3 +307,22 @@ rule multiverse:
         parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=list(UNIVERSES), DELTAS=DELTAS, NOTE=config["note"]),
     shell:
         execute("14_multiverse")
+
+
+rule hypotheses:
+    input:
+        all_universes("measures"),
+        all_universes("conditions"),
+        modules("hypotheses", "judging", "comparing", "evaluation", "figures"),
+        "notebooks/15_hypotheses.ipynb",
+    output:
+        notebook=f"{EXECUTED}/15_hypotheses.ipynb",
+        figures=expand(f"{FIGURES}/hypotheses_{{figure}}.pdf", figure=["classification", "learning"]),
+        tables=expand(f"{FIGURES}/hypotheses_{{table}}.csv", table=["summary", "better"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", UNIVERSES={name: name for name in UNIVERSES}, ALPHAS=REGIONS, DELTAS=DELTAS, SEEDS=SEEDS, NOTE=config["note"]
+        ),
+    shell:
+        execute("15_hypotheses")

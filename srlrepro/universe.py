@@ -16,13 +16,15 @@ from srlrepro.config import Config
 from srlrepro.embedding import label_purity
 from srlrepro.evaluation import classification, first_link_shares, measure_rows, run_measures, test_states
 from srlrepro.files import read_arrays, read_json, read_table
+from srlrepro.hypotheses import ORACLES, learn
 from srlrepro.labels import ClosedLoop
 from srlrepro.provenance import code_hash
-from srlrepro.safe_region import SafeRegion, learn
+from srlrepro.safe_region import SafeRegion
 from srlrepro.sampling import TrainingData, generate
+from srlrepro.supervisor import CompiledHypothesis, Hypothesis
 from srlrepro.training import VISITED_FORMAT, Run, identify, train
 
-Learned = dict[str, tuple[TrainingData, SafeRegion]]  # by the text of α
+Learned = dict[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of α
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Universe:
         return [Run(a, d, s, self.steps) for a in alphas for d in self.deltas for s in self.seeds]
 
     def learn(self) -> Learned:
-        """The training data and the safe region of every α."""
+        """The training data and the hypothesis of every α, as it is on the nominal system."""
         numbers = {a: float(a) for a in self.alphas if a != "none"}
         datasets = {a: generate(value, self.config, self.data_seed) for a, value in numbers.items()}
         return {a: (data, learn(data, self.config, self.data_seed)) for a, data in datasets.items()}
@@ -85,7 +87,9 @@ def region_measures(universe: Universe, learned: Learned) -> list[tuple[Any, ...
     rows = []
     for alpha, (data, region) in learned.items():
         values = {"safe_share": float(data.z.mean()), **first_link_shares(data.x, universe.config)}
-        values["embedding_purity"] = label_purity(cdist(region.embedding_, region.embedding_), region.labels_)
+        if isinstance(region, SafeRegion):
+            y = region.embedding_
+            values["embedding_purity"] = label_purity(cdist(y, y), region.labels_)
         tests = test_states(data.mnd, universe.config, np.random.default_rng([universe.data_seed, 1]))
         scores = {source: classification(region, x, labels) for source, (x, labels) in tests.items()}
         for source, score in scores.items():
@@ -105,6 +109,8 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
     for run in universe.runs:
         alpha = "none" if run.alpha is None else f"{run.alpha:g}"
         region = learned[alpha][1] if alpha in learned else None
+        if region is not None and universe.config.choices.hypothesis in ORACLES:
+            region = learn(None, universe.config, delta=run.delta)
         products = folder / "runs" / run.name
         result = _finished(products, run, universe.config, region)
         if result is None:
@@ -123,7 +129,7 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
     return rows
 
 
-def _finished(folder: Path, run: Run, config: Config, region: SafeRegion | None) -> dict[str, Any] | None:
+def _finished(folder: Path, run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any] | None:
     """What run.json holds, if it is of this run and of this code."""
     if not (folder / "run.json").exists():  # it is written last
         return None
