@@ -71,7 +71,7 @@ def classify(
     seeds: Sequence[int],
     data_seed: int,
 ) -> pd.DataFrame:
-    """One row per hypothesis, α and set of `judged_states`: hypothesis, alpha, states, delta and all scores."""
+    """One row per hypothesis, α and set of `judged_states`: hypothesis, alpha, states, delta, scores."""
     data = {alpha: generate(float(alpha), config, data_seed) for alpha in alphas}
     sets = list(judged_states(data, config, paper, deltas, seeds, np.random.default_rng([data_seed, 15])))
     rows = []
