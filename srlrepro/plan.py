@@ -24,7 +24,7 @@ class Study(NamedTuple):
 # then most activations of K have occurred.
 STUDIES = {
     "multiverse": Study("vary what the paper leaves open, in many short runs", [1.1, 4.0], 1, 150_000),
-    "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 300_000),
+    "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 500_000),
 }
 
 
