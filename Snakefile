@@ -6,9 +6,11 @@
 import json
 import sys
 
-NAME, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "alphas", "deltas", "seeds"))
+NAME, CELLS, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "cells", "alphas", "deltas", "seeds"))
 REGIONS = [a for a in ALPHAS if a != "none"]
-RESULTS, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/executed/{NAME}"
+# Grids that differ in the number of seeds alone share their regions and runs, which are those of CELLS.
+RESULTS, PICTURES, DONE = f"results/{CELLS}", f"figures/{CELLS}", f"notebooks/executed/{CELLS}"
+TABLES, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/executed/{NAME}"
 DATA_SEEDS = SEEDS if config["values"]["data_per_seed"] else [0]
 RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
 RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
@@ -40,7 +42,7 @@ def region_of(wildcards):
 
 def figures_of(data):
     """Figures of the first training data are the paper's; others stand in a folder of their own."""
-    return FIGURES if int(data) == DATA_SEEDS[0] else f"{FIGURES}/data_{data}"
+    return PICTURES if int(data) == DATA_SEEDS[0] else f"{PICTURES}/data_{data}"
 
 
 def parameters(**values):
@@ -57,12 +59,12 @@ def execute(notebook):
 
 rule all:
     input:
-        f"{EXECUTED}/01_pendulum.ipynb",
-        expand(f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
+        f"{DONE}/01_pendulum.ipynb",
+        expand(f"{DONE}/data_{{data}}/04_safe_region.ipynb", data=DATA_SEEDS),
         f"{EXECUTED}/08_claims.ipynb",
-        f"{EXECUTED}/09_choices.ipynb",
+        f"{DONE}/09_choices.ipynb",
         f"{EXECUTED}/10_calibration.ipynb",
-        f"{EXECUTED}/11_behaviour.ipynb",
+        f"{DONE}/11_behaviour.ipynb",
 
 
 rule pendulum:
@@ -71,13 +73,13 @@ rule pendulum:
         modules("figures", "drawing"),
         "notebooks/01_pendulum.ipynb",
     output:
-        notebook=f"{EXECUTED}/01_pendulum.ipynb",
+        notebook=f"{DONE}/01_pendulum.ipynb",
         measures=f"{RESULTS}/measures/01_pendulum.csv",
-        figure=f"{FIGURES}/fig1_pendulum.pdf",
-        animation=f"{FIGURES}/recovery.gif",
+        figure=f"{PICTURES}/fig1_pendulum.pdf",
+        animation=f"{PICTURES}/recovery.gif",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", DELTAS=[1.0, *DELTAS]),
+        parameters=parameters(FIGURES=f"../{PICTURES}", DELTAS=[1.0, *DELTAS]),
     shell:
         execute("01_pendulum")
 
@@ -88,7 +90,7 @@ rule training_data:
         modules("figures"),
         "notebooks/02_training_data.ipynb",
     output:
-        notebook=f"{EXECUTED}/data_{{data}}/02_training_data.ipynb",
+        notebook=f"{DONE}/data_{{data}}/02_training_data.ipynb",
         measures=f"{RESULTS}/measures/02_training_data__data_{{data}}.csv",
         data=expand(f"{RESULTS}/data_{{{{data}}}}/alpha_{{alpha}}/training_data.npz", alpha=REGIONS),
     params:
@@ -107,7 +109,7 @@ rule embedding:
         modules("figures"),
         "notebooks/03_embedding.ipynb",
     output:
-        notebook=f"{EXECUTED}/data_{{data}}/03_embedding.ipynb",
+        notebook=f"{DONE}/data_{{data}}/03_embedding.ipynb",
         measures=f"{RESULTS}/measures/03_embedding__data_{{data}}.csv",
         regions=expand(f"{RESULTS}/data_{{{{data}}}}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
     params:
@@ -126,7 +128,7 @@ rule safe_region:
         modules("figures", "evaluation"),
         "notebooks/04_safe_region.ipynb",
     output:
-        notebook=f"{EXECUTED}/data_{{data}}/04_safe_region.ipynb",
+        notebook=f"{DONE}/data_{{data}}/04_safe_region.ipynb",
         measures=f"{RESULTS}/measures/04_safe_region__data_{{data}}.csv",
     params:
         values=config["values"],
@@ -143,7 +145,7 @@ rule training_run:
         "notebooks/05_training_run.ipynb",
         region=region_of,
     output:
-        notebook=f"{EXECUTED}/runs/05_training_run__{RUN}.ipynb",
+        notebook=f"{DONE}/runs/05_training_run__{RUN}.ipynb",
         measures=f"{RESULTS}/measures/05_training_run__{RUN}.csv",
         run=f"{RESULTS}/runs/{RUN}/run.json",
         trials=f"{RESULTS}/runs/{RUN}/trials.csv",
@@ -170,11 +172,11 @@ rule learning_performance:
         "notebooks/06_learning_performance.ipynb",
     output:
         notebook=f"{EXECUTED}/06_learning_performance.ipynb",
-        measures=f"{RESULTS}/measures/06_learning_performance.csv",
+        measures=f"{TABLES}/measures/06_learning_performance.csv",
         figure=f"{FIGURES}/fig3_abc_learning.pdf",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=RUNS, NOTE=config["note"]),
+        parameters=parameters(FIGURES=f"../{FIGURES}", TABLES=f"../{TABLES}", RUNS=RUNS, NOTE=config["note"]),
     shell:
         execute("06_learning_performance")
 
@@ -186,11 +188,11 @@ rule activations_and_failures:
         "notebooks/07_activations_and_failures.ipynb",
     output:
         notebook=f"{EXECUTED}/07_activations_and_failures.ipynb",
-        measures=f"{RESULTS}/measures/07_activations_and_failures.csv",
+        measures=f"{TABLES}/measures/07_activations_and_failures.csv",
         figure=f"{FIGURES}/fig3_def_counts.pdf",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=RUNS, NOTE=config["note"]),
+        parameters=parameters(FIGURES=f"../{FIGURES}", TABLES=f"../{TABLES}", RUNS=RUNS, NOTE=config["note"]),
     shell:
         execute("07_activations_and_failures")
 
@@ -200,8 +202,8 @@ rule claims:
         f"{RESULTS}/measures/01_pendulum.csv",
         expand(f"{RESULTS}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
         expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
-        f"{RESULTS}/measures/06_learning_performance.csv",
-        f"{RESULTS}/measures/07_activations_and_failures.csv",
+        f"{TABLES}/measures/06_learning_performance.csv",
+        f"{TABLES}/measures/07_activations_and_failures.csv",
         modules("claims"),
         "srlrepro/claims.toml",
         "notebooks/08_claims.ipynb",
@@ -223,12 +225,12 @@ rule choices:
         modules("choosing"),
         "notebooks/09_choices.ipynb",
     output:
-        notebook=f"{EXECUTED}/09_choices.ipynb",
-        tables=expand(f"{FIGURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "origin", "exploration"]),
+        notebook=f"{DONE}/09_choices.ipynb",
+        tables=expand(f"{PICTURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "origin", "exploration"]),
     params:
         values=config["values"],
         parameters=parameters(
-            FIGURES=f"../{FIGURES}", ALPHAS=[float(a) for a in REGIONS], DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=2000
+            FIGURES=f"../{PICTURES}", ALPHAS=[float(a) for a in REGIONS], DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=2000
         ),
     shell:
         execute("09_choices")
@@ -256,11 +258,11 @@ rule behaviour:
         modules("figures", "drawing", "behaviour"),
         "notebooks/11_behaviour.ipynb",
     output:
-        notebook=f"{EXECUTED}/11_behaviour.ipynb",
-        animations=expand(f"{FIGURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
+        notebook=f"{DONE}/11_behaviour.ipynb",
+        animations=expand(f"{PICTURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
+        parameters=parameters(FIGURES=f"../{PICTURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("11_behaviour")
 

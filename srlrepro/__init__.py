@@ -1,9 +1,9 @@
 """Replication of a method that generates training data for learning a low-dimensional safe region.
 
 The modules, each depending only on those before it: `parameters`, `paper`, `choices`, `config`, `pendulum`,
-`lqg`, `labels`, `sampling`, `embedding`, `assessment`, `safe_region`, `env`, `supervisor`, `checkpoint`,
-`recording`, `training`; then what serves the notebooks and the command line. Importing the package registers
-the task with gymnasium and imports none of them.
+`lqg`, `labels`, `sampling`, `embedding`, `assessment`, `judging`, `safe_region`, `env`, `supervisor`,
+`hypotheses`, `checkpoint`, `recording`, `training`; then what serves the notebooks and the command line.
+Importing the package registers the task with gymnasium and imports none of them.
 """
 
 from importlib.util import find_spec

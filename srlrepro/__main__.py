@@ -114,7 +114,7 @@ def _region(arguments: argparse.Namespace) -> None:
     from srlrepro.sampling import TrainingData
 
     config = _config(arguments)
-    _require_tsne(config, "region", arguments.out)
+    _require_tsne(config, "--out", arguments.out)
     region = learn(TrainingData.load(arguments.data), config, arguments.seed)
     region.save(arguments.out)
     print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")

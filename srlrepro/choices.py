@@ -163,8 +163,15 @@ class Choices:
         1.0,
         "(0, 1000]",
         "",
-        "Γ: pseudo-count of unsafe evidence",
+        "Γ: pseudo-count of evidence, unsafe but for gamma_empty",
         "one piece of evidence; held-out calibration hardly depends on it",
+    )
+    gamma_empty: float = chosen(
+        0.0,
+        "[0, 1)",
+        "",
+        "Γ: probability of safe where there is no evidence, the mean of the pseudo-count",
+        "unknown is unsafe",
     )
     gamma_cells: int = chosen(
         128, "[8, 1024]", "", "Γ: cells per side of the grid", "a cell is a fraction of the kernel width"
@@ -189,6 +196,13 @@ class Choices:
         "",
         "what π sees: x itself or x in half ranges of App. C; and the sine and cosine of the target's phase",
         "the paper's π(x) sees x; the target moves, so that without its phase the task is no function of x",
+    )
+    action_unit: float = chosen(
+        100.0,
+        "[1, 1000]",
+        "N·m",
+        "torque of an action of 1",
+        "the torque limit: actions then lie in [-1, 1], as stable-baselines3 advises",
     )
     log_std_init: float = chosen(
         -1.0,

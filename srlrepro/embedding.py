@@ -17,7 +17,7 @@ from scipy.spatial.distance import pdist, squareform
 
 from srlrepro.config import check
 from srlrepro.labels import Labels
-from srlrepro.pendulum import Floats, jit
+from srlrepro.pendulum import Floats, as_state, jit
 
 
 def trajectory_distances(paths: ArrayLike, state_max: ArrayLike) -> Floats:
@@ -77,6 +77,15 @@ FAR = 1e6  # half ranges: beyond, all training states are equally far away
 
 
 @jit
+def _rank(numbers: Floats, count: int, j: int) -> int:
+    """How many of the first ``count`` numbers come before the j-th in order; of equal ones the earlier does."""
+    rank = 0
+    for i in range(count):
+        rank += (numbers[i] < numbers[j]) | ((numbers[i] == numbers[j]) & (i < j))
+    return rank
+
+
+@jit
 def map_state(
     scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, skip: int, x: Floats
 ) -> tuple[float, float]:
@@ -86,40 +95,40 @@ def map_state(
     distances are computed several at a time; y_train [k, 2]; ``skip``: index of a training state to
     leave out, or -1.
     """
-    k = x_train.shape[1]
-    squared = np.zeros(k)
+    k, squared = x_train.shape[1], np.empty(x_train.shape[1])
+    v = scale.copy()
     for j in range(6):
-        row, value = x_train[j], min(max(x[j] / scale[j], -FAR), FAR)
-        for i in range(k):
-            squared[i] += (row[i] - value) * (row[i] - value)
+        v[j] = min(max(x[j] / scale[j], -FAR), FAR)
+    v0, v1, v2, v3, v4, v5 = as_state(v)
+    for i in range(k):
+        d0, d1, d2 = x_train[0, i] - v0, x_train[1, i] - v1, x_train[2, i] - v2
+        d3, d4, d5 = x_train[3, i] - v3, x_train[4, i] - v4, x_train[5, i] - v5
+        squared[i] = d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
     if skip >= 0:
         squared[skip] = np.inf
-    # the largest of the minima over disjoint sets, one per neighbour, bounds the distances sought from above
-    lowest = np.full(neighbours, np.inf)
-    for start in range(0, k - neighbours + 1, neighbours):
-        for j in range(neighbours):
+    # Of the minima over disjoint sets, the one with the rank sought bounds the distances sought from above.
+    sets = 2 * neighbours
+    lowest, bound = np.full(sets, np.inf), 0.0
+    for start in range(0, k, sets):
+        for j in range(min(sets, k - start)):
             lowest[j] = min(lowest[j], squared[start + j])
-    bound, candidates, count = lowest.max(), np.empty(k, np.int64), 0
+    for j in range(sets):
+        if _rank(lowest, sets, j) < neighbours:
+            bound = max(bound, lowest[j])
+    candidates, count = np.empty(k, np.int64), 0
     for i in range(k):
         candidates[count] = i
         count += squared[i] <= bound
-    nearest = np.full(neighbours, np.inf)
-    index = np.zeros(neighbours, np.int64)
-    for i in candidates[:count]:
-        if squared[i] < nearest[neighbours - 1]:
-            j = neighbours - 1
-            while j > 0 and nearest[j - 1] > squared[i]:
-                nearest[j], index[j] = nearest[j - 1], index[j - 1]
-                j -= 1
-            nearest[j], index[j] = squared[i], i
+    near = squared[candidates[:count]]
+    exact = near.min() == 0.0
     y1, y2, total = 0.0, 0.0, 0.0
-    exact = nearest[0] == 0.0
-    for j in range(neighbours):
-        at_it = 1.0 if nearest[j] == 0.0 else 0.0
-        weight = at_it if exact else 1.0 / np.sqrt(nearest[j])
-        y1 += weight * y_train[index[j], 0]
-        y2 += weight * y_train[index[j], 1]
-        total += weight
+    for j in range(count):
+        if _rank(near, count, j) < neighbours:
+            at_it = 1.0 if near[j] == 0.0 else 0.0
+            weight = at_it if exact else 1.0 / np.sqrt(near[j])
+            y1 += weight * y_train[candidates[j], 0]
+            y2 += weight * y_train[candidates[j], 1]
+            total += weight
     return y1 / total, y2 / total
 
 

@@ -47,7 +47,7 @@ class Task(NamedTuple):
     Attributes:
         coefficients, lengths: of the pendulum; limits: of the integration and of a trial.
         circle: height of its centre (m), radius (m), speed (rad/s).
-        reward: (R_c, penalty per metre); torque_limit: N·m.
+        reward: (R_c, penalty per metre); torque_limit: N·m; action_unit: N·m of an action of 1.
         scale: [6] units of the observed state; control_period: s; periods: of a trial.
     """
 
@@ -57,6 +57,7 @@ class Task(NamedTuple):
     circle: Circle
     reward: tuple[float, float]
     torque_limit: float
+    action_unit: float
     scale: Floats
     control_period: float
     periods: int
@@ -66,13 +67,14 @@ class Task(NamedTuple):
 def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
     """One control period, the so-manieth of a trial (from 0): (state, R, why the trial ends or 0).
 
-    action: 3-tuple in [-1, 1], limited here and scaled to the torque limit. R is that of the state and
-    the target at the end of the period.
+    action: 3-tuple, in units of ``action_unit``; the torque is limited here. R is that of the state and the
+    target at the end of the period.
     """
+    unit, limit = task.action_unit, task.torque_limit
     u = (
-        task.torque_limit * min(max(action[0], -1.0), 1.0),
-        task.torque_limit * min(max(action[1], -1.0), 1.0),
-        task.torque_limit * min(max(action[2], -1.0), 1.0),
+        min(max(unit * action[0], -limit), limit),
+        min(max(unit * action[1], -limit), limit),
+        min(max(unit * action[2], -limit), limit),
     )
     state, ended = hold_torque(task.coefficients, task.limits, state, u)
     px, py = tip(task.lengths, state)
@@ -96,7 +98,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Track the circle with the pendulum of mismatch Δ.
 
     Observation [8]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
-    Action [3] in [-1, 1]: torques in units of the torque limit. Reward: App. C.
+    Action [3]: torques in units of ``action_unit``, within the torque limit. Reward: App. C.
     A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
     integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;
     ``info["outcome"]`` then says which.
@@ -132,7 +134,8 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         loop = ClosedLoop.from_config(config, delta)
         self.pendulum: ThreeLinkPendulum = loop.system
         self.rule: RecoveryRule = loop.rule
-        self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+        largest = paper.torque_limit / config.choices.action_unit
+        self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
         self.state: Floats = np.zeros(6)
         self.period = 0
@@ -145,6 +148,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             (paper.circle_height, paper.circle_radius, paper.circle_speed),
             (paper.reward_constant, paper.reward_slope),
             paper.torque_limit,
+            config.choices.action_unit,
             self.observation_scale,
             self.rule.control_period,
             round(length / self.rule.control_period),

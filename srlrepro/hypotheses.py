@@ -83,9 +83,9 @@ def _pca(x: Floats, z: Labels, config: Config) -> Judge:
     scale, c = np.array(config.paper.state_max), config.choices
     pca = PCA(2).fit(x / scale)
     places = pca.transform(x / scale)
-    grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells)
+    grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
-    return Judge(LINEAR, region, np.array(pca.components_), -pca.components_ @ pca.mean_)
+    return Judge(LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_)
 
 
 def _knn(x: Floats, z: Labels, config: Config) -> Judge:
@@ -114,7 +114,7 @@ def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Judge:
     width = float(1.0 / (s.shape[1] * s.var()))  # gamma="scale", the default
     bias = float(-sigmoid.a_ * svm.intercept_[0] - sigmoid.b_)  # Platt: P = 1 / (1 + exp(a f + b))
     region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
-    vectors, weights = np.array(svm.support_vectors_), -sigmoid.a_ * svm.dual_coef_[0]
+    vectors, weights = np.ascontiguousarray(svm.support_vectors_), -sigmoid.a_ * svm.dual_coef_[0]
     return Judge(KERNEL, region, vectors, weights=weights, bias=bias, width=width)
 
 

@@ -64,7 +64,7 @@ def safe_probability(judge: Judge, x: Floats) -> float:
     s = x / region.scale
     if kind == LINEAR:
         y = np.dot(judge.rows, s) + judge.offsets
-        return look_up(region.gamma, region.origin, region.cell, y[0], y[1])
+        return look_up(region, y[0], y[1])
     if kind == NETWORK:
         features = np.tanh(np.dot(judge.rows, s) + judge.offsets)
     else:

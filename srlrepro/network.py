@@ -9,16 +9,24 @@ vectorises where the C library's function does not.
 """
 
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from srlrepro.pendulum import jit
+from srlrepro.pendulum import Function, jit
 
 Reals = NDArray[np.floating[Any]]
-FLAT = 9.0  # |x| beyond which tanh x is 1 in float32
+FLAT = np.float32(9.0)  # |x| beyond which tanh x is 1 in float32
 LEVELS = 13  # of the continued fraction
+TINY = 1e-30  # keeps the reciprocal root of Adam's second moment finite where that moment is 0
+
+
+def fused(function: Function) -> Function:
+    """`jit` for float32 loops: products and sums fuse; a reciprocal root is an estimate and a Newton step."""
+    options = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp"}}
+    return cast(Function, njit(**options)(function))
 
 
 def _lambert(levels: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -71,39 +79,49 @@ def passes(network: Network, samples: int) -> Passes:
     )
 
 
+@fused
+def _fraction(x: float) -> float:
+    """tanh x of a float32 number."""
+    v = min(max(x, -FLAT), FLAT)
+    s = v * v
+    p = P[0]
+    p = p * s + P[1]
+    p = p * s + P[2]
+    p = p * s + P[3]
+    p = p * s + P[4]
+    p = p * s + P[5]
+    p = p * s + P[6]
+    q = Q[0]
+    q = q * s + Q[1]
+    q = q * s + Q[2]
+    q = q * s + Q[3]
+    q = q * s + Q[4]
+    q = q * s + Q[5]
+    q = q * s + Q[6]
+    return v * p / q  # type: ignore[no-any-return]
+
+
 @jit
 def tanh(x: Reals) -> None:
     """Replace x [N] by its hyperbolic tangent."""
-    if x.itemsize == 8:
-        for i in range(x.size):
-            x[i] = np.tanh(x[i])
-        return
-    flat = np.float32(FLAT)
     for i in range(x.size):
-        v = min(max(x[i], -flat), flat)
-        s = v * v
-        p = P[0]
-        p = p * s + P[1]
-        p = p * s + P[2]
-        p = p * s + P[3]
-        p = p * s + P[4]
-        p = p * s + P[5]
-        p = p * s + P[6]
-        q = Q[0]
-        q = q * s + Q[1]
-        q = q * s + Q[2]
-        q = q * s + Q[3]
-        q = q * s + Q[4]
-        q = q * s + Q[5]
-        q = q * s + Q[6]
-        x[i] = v * p / q
+        x[i] = np.tanh(x[i]) if x.itemsize == 8 else _fraction(x[i])
+
+
+@jit
+def _activate(sums: Reals, bias: Reals) -> None:
+    """Replace sums [units, B] by tanh(sums + bias), bias [units]."""
+    for i in range(sums.shape[0]):
+        for j in range(sums.shape[1]):
+            x = sums[i, j] + bias[i]
+            sums[i, j] = np.tanh(x) if sums.itemsize == 8 else _fraction(x)
 
 
 @jit
 def transpose(a: Reals, out: Reals) -> None:
     """Write a [N, B] to out [B, N]."""
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
+    for j in range(a.shape[1]):
+        for i in range(a.shape[0]):
             out[j, i] = a[i, j]
 
 
@@ -114,12 +132,10 @@ def forward(network: Network, memory: Passes) -> None:
     for layer in range(last + 1):
         into = memory.output if layer == last else memory.inputs[layer + 1]
         np.dot(network.weights[layer], memory.inputs[layer], into)
-        bias = network.biases[layer]
-        for i in range(into.shape[0]):
-            for j in range(into.shape[1]):
-                into[i, j] += bias[i]
         if layer < last:
-            tanh(into.ravel())
+            _activate(into, network.biases[layer])
+        else:
+            into += network.biases[layer].reshape(-1, 1)
 
 
 @jit
@@ -137,9 +153,9 @@ def backward(network: Network, memory: Passes, gradient: Network) -> None:
         if layer > 0:
             below = memory.deltas[layer - 1]
             np.dot(network.weights[layer].T, delta, below)
-            flat, unit = below.ravel(), received.ravel()
+            flat, unit, one = below.ravel(), received.ravel(), below.dtype.type(1)
             for i in range(flat.size):
-                flat[i] *= 1 - unit[i] * unit[i]  # tanh' = 1 − tanh²
+                flat[i] *= one - unit[i] * unit[i]  # tanh' = 1 − tanh²
 
 
 @jit
@@ -149,12 +165,14 @@ def forward_one(network: Network, memory: Passes) -> None:
     for layer in range(last + 1):
         into = (memory.output if layer == last else memory.inputs[layer + 1]).ravel()
         np.dot(network.weights[layer], memory.inputs[layer].ravel(), into)
-        into += network.biases[layer]
+        bias = network.biases[layer]
+        for i in range(into.size):
+            into[i] += bias[i]
         if layer < last:
             tanh(into)
 
 
-@jit
+@fused
 def adam(
     parameters: Reals,
     gradient: Reals,
@@ -168,17 +186,19 @@ def adam(
 ) -> None:
     """One step of Adam with bias correction (Kingma & Ba, 2015), as torch does it, on flat arrays.
 
-    mean, square: running moments, updated; factor: multiplies the gradient; step: from 1.
+    mean, square: running moments, updated; factor: multiplies the gradient; step: from 1. √v is computed as
+    v / √v, whose reciprocal root the processor estimates faster than it divides.
     """
     number = parameters.dtype.type
     keep1, keep2 = betas
     fresh1, fresh2, old2 = number(1 - keep1), number(1 - keep2), number(keep2)
     size = number(rate / (1 - keep1**step))
     scale = number(1 / np.sqrt(1 - keep2**step))
-    small, clip = number(eps), number(factor)
+    small, clip, one, tiny = number(eps), number(factor), number(1), number(TINY)
     for i in range(parameters.size):
         g = clip * gradient[i]
         m = mean[i] + fresh1 * (g - mean[i])
         v = old2 * square[i] + fresh2 * g * g
         mean[i], square[i] = m, v
-        parameters[i] -= size * m / (np.sqrt(v) * scale + small)
+        root = v * (one / np.sqrt(v + tiny))
+        parameters[i] -= size * m / (root * scale + small)

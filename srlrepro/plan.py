@@ -94,7 +94,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--name",
-        help="folder name of the results (default: full, quick, or the study; custom if anything is varied)",
+        help="folder name of the results (default: full, quick or the study; seeds_N for N seeds; else custom)",
     )
     parser.add_argument(
         "--cores",
@@ -135,18 +135,21 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     check(arguments.seeds >= 1, "--seeds", arguments.seeds, "a whole number in [1, inf)")
     check(arguments.cores >= 1, "--cores", arguments.cores, "a whole number in [1, inf)")
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
-    paper = (alphas, deltas, arguments.seeds, settings) == (ALPHAS, DELTAS, SEEDS, {})
-    check(paper or not arguments.study, f"--{arguments.study}", "a varied grid", "alone: it has its own grid")
+    grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
     seeds, longest = arguments.seeds, config.choices.total_steps
     if arguments.study:
+        alone = grid and seeds == SEEDS
+        check(alone, f"--{arguments.study}", "another grid", "without one: it has its own")
         _, deltas, seeds, longest = STUDIES[arguments.study]
     usual = config.choices.quick_steps if arguments.quick else longest
     steps = usual if arguments.steps is None else arguments.steps
     check(steps >= 1, "--steps", steps, "a whole number in [1, inf)")
-    default = paper and steps == usual
-    study = arguments.study or ("" if arguments.quick else "full")
-    usual_name = "_".join(filter(None, (study, "quick" * arguments.quick)))
-    name = arguments.name or (usual_name if default else "custom")
+    papers, size = grid and steps == usual, "quick" if arguments.quick else "full"
+    if arguments.study:
+        size = f"{arguments.study}_quick" if arguments.quick else arguments.study
+    default = papers and arguments.seeds == SEEDS
+    more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
+    name = arguments.name or (size if default else more if papers else "custom")
     check(
         re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
         "--name",
@@ -154,7 +157,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "letters, digits, '_', '-' and '.'",
     )
     check(
-        (default and name == usual_name) or name not in RESERVED,
+        (default and name == size) or name not in RESERVED,
         "--name",
         name,
         "another name if the grid or a parameter is varied",
@@ -163,6 +166,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     note = f"reduced: {steps} of {full} training steps" if steps < full else ""
     return {
         "name": name,
+        "cells": size if papers else name,
         "alphas": alphas,
         "deltas": deltas,
         "seeds": list(range(seeds)),

@@ -27,7 +27,7 @@ from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats, as_states
 from srlrepro.sampling import TrainingData, known_states
 
-FORMAT = "srlrepro-safe-region-1"
+FORMAT = "srlrepro-safe-region-2"
 
 
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -37,7 +37,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         p_t: threshold of eq. (5).
         label_gap, perplexity: δ of Ω, and of t-SNE.
         neighbours: of Ψ.
-        evidence: "held out" or "embedded"; bandwidth: b in RMS radii of the y_i; prior: c; cells: G.
+        evidence: "held out" or "embedded"; bandwidth: b in RMS radii of the y_i; prior: c; empty: Γ_0; cells: G.
         state_max: [6] half ranges that scale the states.
         random_state: seed of t-SNE.
 
@@ -57,6 +57,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         evidence: str = Choices.gamma_evidence,
         bandwidth: float = Choices.gamma_bandwidth,
         prior: float = Choices.gamma_prior,
+        empty: float = Choices.gamma_empty,
         cells: int = Choices.gamma_cells,
         state_max: tuple[float, ...] = Paper().state_max,
         random_state: int = 0,
@@ -68,6 +69,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.evidence = evidence
         self.bandwidth = bandwidth
         self.prior = prior
+        self.empty = empty
         self.cells = cells
         self.state_max = state_max
         self.random_state = random_state
@@ -84,6 +86,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             evidence=c.gamma_evidence,
             bandwidth=c.gamma_bandwidth,
             prior=c.gamma_prior,
+            empty=c.gamma_empty,
             cells=c.gamma_cells,
             state_max=p.state_max,
             random_state=seed,
@@ -120,10 +123,10 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.embedding_ = places
         self.labels_ = labels.astype(np.int64)
         self.evidence_ = held_out if self.evidence == "held out" else places
-        gamma, origin, cell = discretise(
-            places, self.evidence_, self.labels_, self.bandwidth, self.prior, self.cells
+        grid = discretise(
+            places, self.evidence_, self.labels_, self.bandwidth, self.prior, self.cells, self.empty
         )
-        self.arrays_ = RegionArrays(scale, x_train, places, neighbours, gamma, origin, cell)
+        self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid)
         return self
 
     def _check_parameters(self, k: int) -> None:
@@ -137,6 +140,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             check(isinstance(value, (float, int)) and 0 < value < np.inf, name, value, "a number in (0, inf)")
         gap, high = self.label_gap, self.state_max
         check(isinstance(gap, (float, int)) and 0 <= gap < np.inf, "label_gap", gap, "a number in [0, inf)")
+        empty = self.empty
+        check(isinstance(empty, (float, int)) and 0 <= empty < 1, "empty", empty, "a number in [0, 1)")
         check(self.evidence in ("held out", "embedded"), "evidence", self.evidence, "held out or embedded")
         six = isinstance(high, tuple) and len(high) == 6
         ok = six and all(isinstance(v, (float, int)) and 0 < v < np.inf for v in high)
@@ -205,19 +210,20 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             "gamma": (cells, cells),
             "origin": (2,),
         }
-        shapes |= {"neighbours": (), "cell": ()}
+        shapes |= {"neighbours": (), "cell": (), "empty": ()}
         try:
             region._check_parameters(k)
             fits = all(a[n].shape == shape for n, shape in shapes.items()) and evidence.shape == (k, 2)
             fits = fits and all(np.isfinite(v).all() for v in (*a.values(), evidence))
             fits = fits and labels.shape == (k,) and bool(np.isin(labels, (0, 1)).all())
             fits = fits and (a["scale"] > 0).all() and a["cell"] > 0 and 1 <= a["neighbours"] < k
+            fits = fits and 0 <= a["empty"] < 1
             fits = fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1
         except (ValueError, TypeError) as error:
             raise ResultError(f"{path} holds a region whose parts do not fit together") from error
         if not fits:
             raise ResultError(f"{path} holds a region whose parts do not fit together")
-        a["neighbours"], a["cell"] = int(a["neighbours"]), float(a["cell"])
+        a["neighbours"], a["cell"], a["empty"] = int(a["neighbours"]), float(a["cell"]), float(a["empty"])
         region.arrays_ = RegionArrays(**a)
         region.classes_, region.embedding_ = np.array([0, 1]), a["y_train"]
         region.evidence_, region.labels_ = stored["evidence"], stored["labels"]

@@ -63,6 +63,17 @@ def test_stages_one_after_the_other(tmp_path: Path, capsys: pytest.CaptureFixtur
     ]
 
 
+@pytest.mark.parametrize("kind", ["nominal", "knn"])
+def test_another_hypothesis_is_learned_when_it_is_needed(kind: str, tmp_path: Path) -> None:
+    data, run = tmp_path / "data.npz", tmp_path / "run"
+    assert main(["data", "--alpha", "0", "--out", str(data), *SMALL]) == 0
+    learned = [] if kind == "nominal" else ["--data", str(data)]
+    train = ["train", "--alpha", "0", "--delta", "1.1", "--steps", "128", *learned, "--out", str(run)]
+    assert main([*train, *SMALL, f"hypothesis={kind}"]) == 0
+    result = json.loads((run / "run.json").read_text())
+    assert result["config"]["hypothesis"] == kind and len(result["region"]) == 64
+
+
 def test_label_of_a_state(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["label", "--state", *["0"] * 6, "--delta", "4"]) == 0
     assert capsys.readouterr().out == "l(x) = 1: recovered, 0.00 s\n"
@@ -82,6 +93,34 @@ def test_label_of_a_state(capsys: pytest.CaptureFixture[str]) -> None:
         (["train", "--alpha", "none", "--delta", "0", "--out", "x"], ("delta = 0.0", "> 0")),
         (["train", "--alpha", "none", "--delta", "1", "--steps", "0", "--out", "x"], ("steps = 0",)),
         (["train", "--alpha", "0", "--delta", "1", "--out", "x"], ("region", "exactly if alpha")),
+        (
+            ["train", "--alpha", "0", "--delta", "1", "--out", "x", "--set", "hypothesis=mlp"],
+            ("region", "exactly if alpha"),
+        ),
+        (
+            [
+                "train",
+                "--alpha",
+                "0",
+                "--delta",
+                "1",
+                "--region",
+                "r",
+                "--out",
+                "x",
+                "--set",
+                "hypothesis=mlp",
+            ],
+            ("--region = r", "hypothesis = mlp", "train --data"),
+        ),
+        (
+            ["train", "--alpha", "0", "--delta", "1", "--region", "r", "--data", "d", "--out", "x"],
+            ("--data = d", "left out"),
+        ),
+        (
+            ["region", "--data", "d", "--out", "x", "--set", "hypothesis=nominal"],
+            ("--out = x", "hypothesis = nominal"),
+        ),
         (["label", "--state", "nan", *["0"] * 5], ("x = NaN", "finite")),
         (["execute", "a.ipynb", "b.ipynb", "--parameters", "{"], ("--parameters", "JSON")),
         (["dance"], ("dance",)),

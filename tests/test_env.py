@@ -105,6 +105,15 @@ def test_torques_are_limited() -> None:
         np.testing.assert_array_equal(ends[0], ends[2])
 
 
+@pytest.mark.parametrize("unit", [1.0, 50.0, 250.0])
+def test_the_unit_of_the_action_changes_numbers_not_torques(unit: float) -> None:
+    env, usual = ThreeLinkCircleEnv(config=Config().with_values(action_unit=unit)), ThreeLinkCircleEnv()
+    np.testing.assert_allclose(env.action_space.high * unit, 100.0)
+    actions = 1.5 * random_actions(10)
+    for found, expected in zip(run(env, actions * 100.0 / unit), run(usual, actions), strict=True):
+        np.testing.assert_allclose(found[0], expected[0], rtol=1e-5, atol=1e-5)
+
+
 @pytest.mark.parametrize("observation", ["state", "scaled"])
 def test_the_policy_sees_the_state_and_the_phase_of_the_target(observation: str) -> None:
     env = ThreeLinkCircleEnv(config=Config().with_values(observation=observation))

@@ -30,15 +30,23 @@ def test_the_default_is_the_papers_grid() -> None:
 
 def test_quick_differs_in_the_steps_alone_and_says_so() -> None:
     full, quick = planned(), planned("--quick")
-    assert {key for key in full if full[key] != quick[key]} == {"name", "steps", "note"}
+    assert {key for key in full if full[key] != quick[key]} == {"name", "cells", "steps", "note"}
     assert quick["name"] == "quick" and str(Choices.quick_steps) in str(quick["note"])
 
 
 def test_a_varied_grid_never_replaces_the_papers() -> None:
-    assert planned("--seeds", "10")["name"] == "custom"
+    assert planned("--deltas", "2")["name"] == planned("--deltas", "2")["cells"] == "custom"
     assert planned("--quick", "--set", "k=500", "--name", "k500")["name"] == "k500"
     with pytest.raises(ParameterError, match="another name"):
         planned("--seeds", "10", "--name", "full")
+
+
+def test_grids_with_other_seeds_alone_share_their_runs() -> None:
+    more = planned("--seeds", "10")
+    assert (more["name"], more["cells"]) == ("seeds_10", "full")
+    assert planned("--quick", "--seeds", "2")["cells"] == "quick"
+    for other in (["--steps", "4096"], ["--set", "k=500"], ["--alphas", "0"]):
+        assert planned("--seeds", "10", *other)["cells"] == "custom"
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,9 @@ def test_gamma_is_a_share_below_one(rng: np.random.Generator) -> None:
 def test_gamma_counts_weighted_evidence_and_one_prior() -> None:
     """By hand: a safe piece here, an unsafe one at distance b √(2 ln 2), where the kernel weighs one half."""
     far = 0.3 * np.sqrt(2 * np.log(2))
-    gamma = kernel_estimate(np.zeros((1, 2)), np.array([[0, 0], [far, 0]]), np.array([1, 0]), 0.3, 2.5)
-    assert gamma[0] == pytest.approx(1 / (1 + 0.5 + 2.5))
+    evidence = (np.zeros((1, 2)), np.array([[0, 0], [far, 0]]), np.array([1, 0]))
+    assert kernel_estimate(*evidence, 0.3, 2.5)[0] == pytest.approx(1 / (1 + 0.5 + 2.5))
+    assert kernel_estimate(*evidence, 0.3, 2.5, 0.6)[0] == pytest.approx((1 + 2.5 * 0.6) / (1 + 0.5 + 2.5))
 
 
 @pytest.mark.parametrize("prior", [0.1, 1.0, 5.0])
@@ -57,10 +58,13 @@ def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...])
     assert corner.max() < 0.05
     far = kernel_estimate(np.array([[1e3, -1e3]]), region.evidence_, region.labels_, 0.1, 0.1)
     assert far[0] == 0.0
+    hopeful = SafeRegion(bandwidth=0.05, prior=0.1, empty=0.5).fit_embedding(x, np.ones(30, int), y)
+    assert hopeful.arrays_.gamma.min() >= 0.5
 
 
 def test_off_the_grid_nothing_is_safe(small: Learned) -> None:
     a = small[1].arrays_
+    full = a._replace(gamma=np.ones_like(a.gamma))
     end = a.origin + a.cell * np.array(a.gamma.shape)
     for y in (
         (a.origin[0] - 1e-6, 0),
@@ -70,9 +74,10 @@ def test_off_the_grid_nothing_is_safe(small: Learned) -> None:
         (1e9, -1e9),
     ):
         for function in (look_up, look_up.py_func):
-            assert function(np.ones_like(a.gamma), a.origin, a.cell, *map(float, y)) == 0.0
-    assert look_up(np.ones_like(a.gamma), a.origin, a.cell, *(a.origin + 1e-6)) == 1.0
-    assert look_up(np.ones_like(a.gamma), a.origin, a.cell, *(end - 1e-6)) == 1.0
+            assert function(full, *map(float, y)) == 0.0
+            assert function(full._replace(empty=0.4), *map(float, y)) == 0.4
+    assert look_up(full, *(a.origin + 1e-6)) == 1.0
+    assert look_up(full, *(end - 1e-6)) == 1.0
 
 
 def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned) -> None:
@@ -82,7 +87,7 @@ def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned)
     bandwidth = region.bandwidth * np.sqrt((spread**2).sum(axis=1).mean())
     cells = np.random.default_rng(0).integers(0, region.cells, (200, 2))
     centres = a.origin + a.cell * (cells + 0.5)
-    found = [look_up(a.gamma, a.origin, a.cell, *y) for y in centres]
+    found = [look_up(a, *y) for y in centres]
     expected = kernel_estimate(centres, region.evidence_, region.labels_, bandwidth, region.prior)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
     inside = (region.embedding_ >= a.origin) & (region.embedding_ <= a.origin + a.cell * region.cells)
@@ -102,7 +107,7 @@ def test_predictions_are_consistent(small: Learned, draw: Draw) -> None:
     region, x = small[1], draw(300)
     gamma, a = region.safety(x), region.arrays_
     y = region.transform(x)
-    np.testing.assert_array_equal(gamma, [look_up(a.gamma, a.origin, a.cell, *place) for place in y])
+    np.testing.assert_array_equal(gamma, [look_up(a, *place) for place in y])
     np.testing.assert_array_equal(region.predict_proba(x), np.stack([1 - gamma, gamma], axis=1))
     np.testing.assert_array_equal(region.predict(x), gamma > region.p_t)
     assert 0 < region.predict(x).sum() < 300
@@ -155,6 +160,7 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
         gamma_evidence="embedded",
         gamma_bandwidth=0.3,
         gamma_prior=2.0,
+        gamma_empty=0.3,
         gamma_cells=64,
         known_origin=False,
         omega_step=0.2,
@@ -162,7 +168,7 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
         theta23_max=3.0,
     )
     region = learn(small[0], config, seed=7)
-    expected = SafeRegion(0.6, 0.5, 20.0, 5, "embedded", 0.3, 2.0, 64, config.paper.state_max, 7)
+    expected = SafeRegion(0.6, 0.5, 20.0, 5, "embedded", 0.3, 2.0, 0.3, 64, config.paper.state_max, 7)
     assert region.get_params() == expected.get_params()
     assert len(region.labels_) == len(small[0].z)
     paths = ClosedLoop.from_config(small_config).rollout(small[0].x).paths[:, :101:20]
@@ -205,9 +211,7 @@ def test_compiled_code_does_what_the_source_says(small: Learned, draw: Draw) -> 
     np.testing.assert_array_equal(query_batch.py_func(a, x), query_batch(a, x))
     y = small[1].transform(x)
     for place in y:
-        assert look_up.py_func(a.gamma, a.origin, a.cell, *place) == look_up(
-            a.gamma, a.origin, a.cell, *place
-        )
+        assert look_up.py_func(a, *place) == look_up(a, *place)
 
 
 @njit
