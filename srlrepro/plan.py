@@ -94,7 +94,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--name",
-        help="folder name of the results (default: full, quick or the study; seeds_N for N seeds; else custom)",
+        help="folder name of the results (default: full, quick, the study, or seeds_N for N; else custom)",
     )
     parser.add_argument(
         "--cores",

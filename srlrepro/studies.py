@@ -6,7 +6,7 @@ from srlrepro.config import Choices
 from srlrepro.hypotheses import ORACLES
 from srlrepro.multiverse import design, load, settings
 
-FEW = 6  # universes of a quick multiverse
+FEW = 6  # universes of a quick multiverse, at most
 HYPOTHESES = tuple(Choices.__dataclass_fields__["hypothesis"].metadata["allowed"].split("|"))
 NO_DATA = "1"  # stands for α where a hypothesis knows the system and learns from no data
 
@@ -26,7 +26,7 @@ def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str
     choices = load()
     universes = design(choices)
     if few:
-        universes = universes.iloc[:: len(universes) // (FEW - 1)]
+        universes = universes.iloc[:: -(-len(universes) // FEW)]
     found = {}
     for name, levels in universes.iterrows():
         values = settings(choices, levels.to_dict())

@@ -105,7 +105,7 @@ def test_jobs_are_the_design_with_seeds_of_their_own() -> None:
     assert found["early-stop__truncate"]["SETTINGS"] == {"early_stop": "truncate"}
     assert all(SEEDS.isdisjoint(job["SETTINGS"]) and job["ALPHAS"] == ["0", "none"] for job in found.values())
     few = jobs("multiverse", ["0"], [0], few=True)
-    assert len(few) == FEW and next(iter(few)) == "default" and set(few) < set(found)
+    assert 3 < len(few) <= FEW and next(iter(few)) == "default" and set(few) < set(found)
 
 
 def test_outcomes_name_why_a_claim_cannot_be_evaluated() -> None:
@@ -185,3 +185,11 @@ def test_claims_over_the_studies_grid_need_no_other_mismatch() -> None:
         is True
     )
     assert claims.holds(claims.evaluate(claim, table)) is None
+
+
+def test_hypotheses_are_universes_and_the_free_learner_stands_beside_the_papers() -> None:
+    found = jobs("hypotheses", ["0", "1", "none"], [0, 1], few=False)
+    assert [job["SETTINGS"] for job in found.values()] == [{"hypothesis": name} for name in found]
+    assert found["tsne"]["ALPHAS"] == ["0", "1", "none"] and found["mlp"]["ALPHAS"] == ["0", "1"]
+    assert found["real"]["ALPHAS"] == found["nominal"]["ALPHAS"] == ["1"]
+    assert all(job["SEEDS"] == [0, 1] for job in found.values())
