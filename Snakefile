@@ -6,6 +6,8 @@
 import json
 import sys
 
+from srlrepro import provenance
+
 NAME, CELLS, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "cells", "alphas", "deltas", "seeds"))
 REGIONS = [a for a in ALPHAS if a != "none"]
 # Grids that differ in the number of seeds alone share their regions and runs, which are those of CELLS.
@@ -26,12 +28,7 @@ def modules(*names):
     return [f"srlrepro/{name}.py" for name in names]
 
 
-PHYSICS = modules("pendulum", "lqg", "labels")
-DATA = [*PHYSICS, *modules("sampling")]
-REGION = [*DATA, *modules("embedding", "assessment", "safe_region")]
-TASK = [*REGION, *modules("env", "supervisor")]
-LEARNER = modules("network", "updating", "rollout", "sharing", "replay", "compiled_ppo")
-LEARNING = [*TASK, *LEARNER, *modules("checkpoint", "recording", "training", "evaluation")]
+LEARNING = modules(*provenance.LEARNING, "evaluation")
 
 
 def region_of(wildcards):
@@ -69,7 +66,7 @@ rule all:
 
 rule pendulum:
     input:
-        PHYSICS,
+        modules(*provenance.PHYSICS),
         modules("figures", "drawing"),
         "notebooks/01_pendulum.ipynb",
     output:
@@ -86,7 +83,7 @@ rule pendulum:
 
 rule training_data:
     input:
-        DATA,
+        modules(*provenance.DATA),
         modules("figures"),
         "notebooks/02_training_data.ipynb",
     output:
@@ -105,7 +102,7 @@ rule training_data:
 rule embedding:
     input:
         rules.training_data.output.data,
-        REGION,
+        modules(*provenance.REGION),
         modules("figures"),
         "notebooks/03_embedding.ipynb",
     output:

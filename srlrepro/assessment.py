@@ -82,7 +82,7 @@ def discretise(
     cells: int,
     empty: float = 0.0,
 ) -> tuple[Floats, Floats, float, float]:
-    """(Γ [G, G] at the cells' centres, origin [2], side of a cell, Γ_0) of a grid around the places y_i [k, 2].
+    """(Γ [G, G] at the cells' centres, origin [2], side of a cell, Γ_0) of a grid around places [k, 2].
 
     bandwidth: b in RMS radii of the places.
     """

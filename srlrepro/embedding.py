@@ -78,7 +78,7 @@ FAR = 1e6  # half ranges: beyond, all training states are equally far away
 
 @jit
 def _rank(numbers: Floats, count: int, j: int) -> int:
-    """How many of the first ``count`` numbers come before the j-th in order; of equal ones the earlier does."""
+    """How many of the first ``count`` numbers come before the j-th in order; equal ones keep their order."""
     rank = 0
     for i in range(count):
         rank += (numbers[i] < numbers[j]) | ((numbers[i] == numbers[j]) & (i < j))

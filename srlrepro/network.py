@@ -25,8 +25,7 @@ TINY = 1e-30  # keeps the reciprocal root of Adam's second moment finite where t
 
 def fused(function: Function) -> Function:
     """`jit` for float32 loops: products and sums fuse; a reciprocal root is an estimate and a Newton step."""
-    options = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp"}}
-    return cast(Function, njit(**options)(function))
+    return cast(Function, njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})(function))
 
 
 def _lambert(levels: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -80,7 +79,7 @@ def passes(network: Network, samples: int) -> Passes:
 
 
 @fused
-def _fraction(x: float) -> float:
+def _fraction(x: np.float32) -> np.float32:
     """tanh x of a float32 number."""
     v = min(max(x, -FLAT), FLAT)
     s = v * v

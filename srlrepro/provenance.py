@@ -1,8 +1,11 @@
-"""What made a result: code, versions, machine, time."""
+"""What made a result: code, versions, machine, time, memory."""
 
 import hashlib
 import os
 import platform
+import resource
+import sys
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -21,12 +24,21 @@ PACKAGES = (
     "matplotlib",
 )
 
+# The modules on which the numbers of each stage depend, beside the values of the configuration.
+PHYSICS = ("pendulum", "lqg", "labels")
+DATA = (*PHYSICS, "sampling")
+REGION = (*DATA, "embedding", "assessment", "judging", "safe_region")
+TASK = (*REGION, "env", "supervisor", "hypotheses")
+LEARNER = ("network", "updating", "rollout", "sharing", "replay", "compiled_ppo")
+LEARNING = (*TASK, *LEARNER, "checkpoint", "recording", "training")
+
 
 @cache
-def code_hash() -> str:
-    """SHA-256 of the package's sources, in the order of their names."""
+def code_hash(modules: Iterable[str] = LEARNING) -> str:
+    """SHA-256 of the sources of modules of the package."""
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for name in sorted(modules):
+        source = Path(__file__).parent / f"{name}.py"
         digest.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()
 
@@ -39,12 +51,19 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
+def peak_memory() -> float:
+    """Largest memory that this process has used so far, MB."""
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes in which ru_maxrss counts
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
 def provenance(seconds: float) -> dict[str, Any]:
-    """Code hash, versions, machine, and the time that the result took (s)."""
+    """Hash of the code of a training, versions, machine, the time that the result took (s), memory (MB)."""
     return {
         "code": code_hash(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
         "machine": {"system": platform.system(), "processor": processor(), "cores": os.cpu_count()},
         "seconds": round(seconds, 1),
+        "peak_memory_mb": round(peak_memory()),
     }

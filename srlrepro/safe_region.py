@@ -37,7 +37,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         p_t: threshold of eq. (5).
         label_gap, perplexity: δ of Ω, and of t-SNE.
         neighbours: of Ψ.
-        evidence: "held out" or "embedded"; bandwidth: b in RMS radii of the y_i; prior: c; empty: Γ_0; cells: G.
+        evidence: "held out" or "embedded"; bandwidth: b in RMS radii of the y_i; prior: c; empty: Γ_0;
+            cells: G.
         state_max: [6] half ranges that scale the states.
         random_state: seed of t-SNE.
 

@@ -50,7 +50,8 @@ def plain(kind: str, x: Floats, z: Labels, states: Floats) -> Floats:
     elif kind == "pca":
         pca = PCA(2).fit(s)
         places = pca.transform(s)
-        gamma, origin, cell, _ = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells)
+        values = (c.gamma_bandwidth, c.gamma_prior, c.gamma_cells)
+        gamma, origin, cell, _ = discretise(places, places, z, *values)
         cells = np.floor((pca.transform(states / SCALE) - origin) / cell).astype(int)
         inside = ((cells >= 0) & (cells < len(gamma))).all(axis=1)
         return np.where(inside, gamma[*np.clip(cells, 0, len(gamma) - 1).T], 0.0)
