@@ -277,7 +277,7 @@ def all_universes(table):
 rule universe:
     input:
         LEARNING,
-        modules("universe", "provenance", "hypotheses", "judging"),
+        modules("universe"),
         "notebooks/13_universe.ipynb",
     output:
         notebook=f"{EXECUTED}/universes/{{universe}}.ipynb",
