@@ -325,3 +325,22 @@ rule hypotheses:
         ),
     shell:
         execute("15_hypotheses")
+
+
+rule discrepancy:
+    input:
+        expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
+        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        modules("discrepancy", "figures"),
+        "notebooks/16_discrepancy.ipynb",
+    output:
+        notebook=f"{EXECUTED}/16_discrepancy.ipynb",
+        figure=f"{FIGURES}/discrepancy.pdf",
+        tables=expand(f"{FIGURES}/discrepancy_{{table}}.csv", table=["outcomes", "ranks"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]
+        ),
+    shell:
+        execute("16_discrepancy")
