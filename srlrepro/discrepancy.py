@@ -4,7 +4,7 @@ The paper leaves such a measure to future work. A learner knows the nominal mode
 (x_t, u_t, x_{t+1}) that it made on the real system, and how K fared from the states where it was activated.
 Three measures, each 0 if the systems are equal:
 
-- ``unexplained``: share of the motion that the nominal model does not predict one period ahead,
+- ``unexplained``: the motion of a control period that the nominal model misses, relative to the motion,
   (Σ_t ‖x_{t+1} − x̂_{t+1}‖² / Σ_t ‖x_{t+1} − x_t‖²)^½, in half ranges of App. C;
 - ``surprises``: share of the activations whose outcome is another than on the nominal model, E[I(l ≠ l_n)] on
   the states in which K is activated: an estimate of E_2 of Theorem 1 where it matters;
