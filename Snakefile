@@ -62,6 +62,7 @@ rule all:
         f"{DONE}/09_choices.ipynb",
         f"{EXECUTED}/10_calibration.ipynb",
         f"{DONE}/11_behaviour.ipynb",
+        f"{EXECUTED}/16_discrepancy.ipynb",
 
 
 rule pendulum:
@@ -340,7 +341,7 @@ rule discrepancy:
     params:
         values=config["values"],
         parameters=parameters(
-            FIGURES=f"../{FIGURES}", ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]
+            FIGURES=f"../{FIGURES}", RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]
         ),
     shell:
         execute("16_discrepancy")
