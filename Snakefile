@@ -21,6 +21,10 @@ JUDGED = {"delta": [f"{d:g}" for d in DELTAS], "seed": SEEDS[:1] if config["valu
 CALIBRATED = expand(RUN, alpha=REGIONS, **JUDGED)
 FREE = expand(RUN, alpha=[a for a in ALPHAS if a == "none"], **JUDGED)
 
+STUDY = config.get("study", "")
+if STUDY:
+    from srlrepro.studies import jobs
+
 
 def modules(*names):
     return [f"srlrepro/{name}.py" for name in names]
@@ -61,6 +65,7 @@ rule all:
         f"{EXECUTED}/10_calibration.ipynb",
         f"{DONE}/11_behaviour.ipynb",
         f"{EXECUTED}/12_theorem.ipynb",
+        f"{EXECUTED}/16_discrepancy.ipynb",
 
 
 rule pendulum:
@@ -291,3 +296,85 @@ rule theorem:
         ),
     shell:
         execute("12_theorem")
+
+
+# The studies beside the grid: in each universe, data, regions and short runs. A universe is one job, which goes
+# on where it was killed; its runs and checkpoints are therefore no outputs of the rule.
+
+UNIVERSES = jobs(STUDY, ALPHAS, SEEDS, config["few"]) if STUDY else {}
+
+
+def all_universes(table):
+    return expand(f"{RESULTS}/universes/{{universe}}/{table}.csv", universe=UNIVERSES)
+
+
+rule universe:
+    input:
+        LEARNING,
+        modules("universe"),
+        "notebooks/13_universe.ipynb",
+    output:
+        notebook=f"{EXECUTED}/universes/{{universe}}.ipynb",
+        measures=f"{RESULTS}/universes/{{universe}}/measures.csv",
+        conditions=f"{RESULTS}/universes/{{universe}}/conditions.csv",
+    params:
+        values=config["values"],
+        parameters=lambda w: parameters(**{"DELTAS": DELTAS, "STEPS": config["steps"]} | UNIVERSES[w.universe]),
+    shell:
+        execute("13_universe")
+
+
+rule multiverse:
+    input:
+        all_universes("measures"),
+        all_universes("conditions"),
+        modules("claims", "multiverse", "specification", "figures"),
+        "srlrepro/claims.toml",
+        "srlrepro/multiverse.toml",
+        "notebooks/14_multiverse.ipynb",
+    output:
+        notebook=f"{EXECUTED}/14_multiverse.ipynb",
+        tables=expand(f"{FIGURES}/{{table}}.csv", table=["outcomes", "shares", "flips", "main_effects", "papers_rates"]),
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=list(UNIVERSES), DELTAS=DELTAS, NOTE=config["note"]),
+    shell:
+        execute("14_multiverse")
+
+
+rule hypotheses:
+    input:
+        all_universes("measures"),
+        all_universes("conditions"),
+        modules("hypotheses", "judging", "comparing", "evaluation", "figures"),
+        "notebooks/15_hypotheses.ipynb",
+    output:
+        notebook=f"{EXECUTED}/15_hypotheses.ipynb",
+        figures=expand(f"{FIGURES}/hypotheses_{{figure}}.pdf", figure=["classification", "learning"]),
+        tables=expand(f"{FIGURES}/hypotheses_{{table}}.csv", table=["summary", "better"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", UNIVERSES={name: name for name in UNIVERSES}, ALPHAS=REGIONS, DELTAS=DELTAS, SEEDS=SEEDS, NOTE=config["note"]
+        ),
+    shell:
+        execute("15_hypotheses")
+
+
+rule discrepancy:
+    input:
+        expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
+        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        modules("discrepancy", "figures"),
+        "notebooks/16_discrepancy.ipynb",
+    output:
+        notebook=f"{EXECUTED}/16_discrepancy.ipynb",
+        figure=f"{FIGURES}/discrepancy.pdf",
+        tables=expand(f"{FIGURES}/discrepancy_{{table}}.csv", table=["outcomes", "ranks"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]
+        ),
+    shell:
+        execute("16_discrepancy")

@@ -66,7 +66,8 @@ VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
 PAPER_SEEDS = 3  # Sec. IV-A
 SYMBOLS = {"alpha": "α", "delta": "Δ"}
 Cell = dict[str, Any]
-GRID: dict[str, list[Any]] = {"alpha": ["0", "0.5", "1"], "delta": [1.1, 1.5, 4.0]}  # Sec. IV
+Grid = dict[str, list[Any]]
+GRID: Grid = {"alpha": ["0", "0.5", "1"], "delta": [1.1, 1.5, 4.0]}  # Sec. IV
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def _text(cell: Cell) -> str:
 
 
 def _contrasts(
-    claim: Claim, table: pd.DataFrame, fixed: Cell
+    claim: Claim, table: pd.DataFrame, fixed: Cell, grid: Grid
 ) -> Iterator[tuple[str, pd.Series, pd.Series | float]]:
     """(what is compared, a, b) for one value of ``for_each``: the claim says that a − b is large."""
 
@@ -136,7 +137,7 @@ def _contrasts(
 
     where, than = _cells(claim.where), _cells(claim.than)
     if claim.kind in ("decreasing", "increasing"):
-        for a, b in itertools.pairwise(GRID[claim.over]):
+        for a, b in itertools.pairwise(grid[claim.over]):
             first, second = values({claim.over: a}), values({claim.over: b})
             if claim.kind == "increasing":
                 first, second = second, first
@@ -171,8 +172,8 @@ def _state(claim: Claim, low: float, high: float) -> str:
     return "contradicts" if high < least or low > most else "unresolved"
 
 
-def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL) -> pd.DataFrame:
-    """The contrasts of a claim, one a row.
+def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL, grid: Grid = GRID) -> pd.DataFrame:
+    """The contrasts of a claim over a grid, one a row.
 
     id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs or
     datasets; spread: standard deviation over them; correlation: of the two conditions over seeds (pairing
@@ -182,9 +183,9 @@ def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL) -> pd.D
     """
     table = measures[measures["measure"] == claim.measure]
     rows = []
-    for fixed in [{claim.for_each: value} for value in GRID[claim.for_each]] if claim.for_each else [{}]:
+    for fixed in [{claim.for_each: value} for value in grid[claim.for_each]] if claim.for_each else [{}]:
         prefix = f"{_text(fixed)}: " if fixed else ""
-        for name, a, b in _contrasts(claim, table, fixed):
+        for name, a, b in _contrasts(claim, table, fixed, grid):
             values = (a - b).dropna()
             n, mean, spread = len(values), float(values.mean()), float(values.std())
             if claim.kind == "most_runs":

@@ -3,11 +3,30 @@
 import argparse
 import os
 import re
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from srlrepro.config import Config, check, parse_settings
 
 ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
+
+
+class Study(NamedTuple):
+    """A study beside the paper's grid: its mismatches Δ, seeds per condition, and steps of a run."""
+
+    text: str
+    deltas: list[float]
+    seeds: int
+    steps: int
+
+
+# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 92 universes of 8 runs of 150 000 steps,
+# and half a minute for the kernel and the regions of each, take four hours of a core, so two on two cores. By
+# then most activations of K have occurred. 114 runs of 500 000 steps, and 12 under the two hypotheses that
+# simulate K in every step, which take five times as long, are two and a half hours of a core.
+STUDIES = {
+    "multiverse": Study("vary what the paper leaves open, in many short runs", [1.1, 4.0], 1, 150_000),
+    "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 500_000),
+}
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,6 +35,9 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the message and leave."""
         self.exit(2, f"{self.prog}: {message}\n")
+
+
+RESERVED = ("full", "quick", *STUDIES, *(f"{name}_quick" for name in STUDIES))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -29,6 +51,16 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--quick", action="store_true", help="the same grid with few training steps (minutes, not hours)"
     )
+    studies = parser.add_mutually_exclusive_group()
+    for name, study in STUDIES.items():
+        studies.add_argument(
+            f"--{name}",
+            dest="study",
+            action="store_const",
+            const=name,
+            default="",
+            help=f"instead of the grid: {study.text}",
+        )
     parser.add_argument(
         "--alphas",
         nargs="+",
@@ -63,7 +95,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--name",
-        help="folder name of the results (default: full or quick; seeds_N for N seeds; else custom)",
+        help="folder name of the results (default: full, quick, the study, or seeds_N for N; else custom)",
     )
     parser.add_argument(
         "--cores",
@@ -104,11 +136,19 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     check(arguments.seeds >= 1, "--seeds", arguments.seeds, "a whole number in [1, inf)")
     check(arguments.cores >= 1, "--cores", arguments.cores, "a whole number in [1, inf)")
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
-    usual = config.choices.quick_steps if arguments.quick else config.choices.total_steps
+    grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
+    seeds, longest = arguments.seeds, config.choices.total_steps
+    if arguments.study:
+        alone = grid and seeds == SEEDS
+        check(alone, f"--{arguments.study}", "another grid", "without one: it has its own")
+        _, deltas, seeds, longest = STUDIES[arguments.study]
+    usual = config.choices.quick_steps if arguments.quick else longest
     steps = usual if arguments.steps is None else arguments.steps
     check(steps >= 1, "--steps", steps, "a whole number in [1, inf)")
-    papers = (alphas, deltas, steps, settings) == (ALPHAS, DELTAS, usual, {})
-    default, size = papers and arguments.seeds == SEEDS, "quick" if arguments.quick else "full"
+    papers, size = grid and steps == usual, "quick" if arguments.quick else "full"
+    if arguments.study:
+        size = f"{arguments.study}_quick" if arguments.quick else arguments.study
+    default = papers and arguments.seeds == SEEDS
     more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
     name = arguments.name or (size if default else more if papers else "custom")
     check(
@@ -118,7 +158,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "letters, digits, '_', '-' and '.'",
     )
     check(
-        default or name not in ("full", "quick"),
+        (default and name == size) or name not in RESERVED,
         "--name",
         name,
         "another name if the grid or a parameter is varied",
@@ -130,9 +170,11 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "cells": size if papers else name,
         "alphas": alphas,
         "deltas": deltas,
-        "seeds": list(range(arguments.seeds)),
+        "seeds": list(range(seeds)),
         "steps": steps,
         "settings": settings,
         "values": config.as_dict(),
         "note": note,
+        "study": arguments.study,
+        "few": arguments.quick and bool(arguments.study),
     }

@@ -30,7 +30,12 @@ NAMES = [
     "10_calibration",
     "11_behaviour",
     "12_theorem",
+    "13_universe",
+    "14_multiverse",
+    "15_hypotheses",
+    "16_discrepancy",
 ]
+APART = NAMES[-4:]  # of the studies beside the grid, and not yet made for the kept grid
 
 
 def nbval(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:
@@ -190,9 +195,9 @@ def executed() -> list[Path]:
 
 
 def test_the_executed_notebooks_of_the_grid_are_complete() -> None:
-    """Every source notebook, the training run 36 times."""
+    """Every source notebook of the grid, the training run 36 times."""
     names = [path.stem for path in executed()]
-    assert sorted({n.split("__")[0] for n in names}) == NAMES
+    assert sorted({n.split("__")[0] for n in names}) == [n for n in NAMES if n not in APART]
     assert sum(n.startswith("05_training_run") for n in names) == 36
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from srlrepro import reproduce
 from srlrepro.config import Choices, ParameterError
-from srlrepro.plan import make_parser, plan
+from srlrepro.plan import STUDIES, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -131,3 +131,34 @@ def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     assert counts["training_run"] == "36" and counts["total"] == "48"
     assert not (ROOT / "results" / "nowhere").exists()
+
+
+def test_a_study_has_its_own_grid_and_name() -> None:
+    study = planned("--multiverse")
+    assert (study["name"], study["study"], study["deltas"]) == ("multiverse", "multiverse", [1.1, 4.0])
+    assert study["steps"] == STUDIES["multiverse"].steps and "reduced" in str(study["note"])
+    quick = planned("--hypotheses", "--quick")
+    assert (quick["name"], quick["few"], quick["steps"]) == ("hypotheses_quick", True, Choices.quick_steps)
+    assert planned("--multiverse", "--steps", "64")["name"] == "custom"
+    assert planned()["study"] == "" and planned("--quick")["few"] is False
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--multiverse", "--seeds", "5"], ["--hypotheses", "--set", "k=500"], ["--name", "multiverse"]],
+)
+def test_a_study_is_not_mixed_with_other_results(arguments: list[str]) -> None:
+    with pytest.raises(ParameterError, match=r"must be|without one"):
+        planned(*arguments, "--alphas", "0", "1")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("study", "jobs"), [("multiverse", 96), ("hypotheses", 9)])
+def test_a_study_is_one_job_per_universe(study: str, jobs: int, tmp_path: Path) -> None:
+    path = tmp_path / "workflow.json"
+    path.write_text(json.dumps(planned(f"--{study}") | {"name": "nowhere"}))
+    command = ["snakemake", study, "--dry-run", "--nolock", "--cores", "2", "--configfile", str(path)]
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
+    assert done.returncode == 0, done.stderr
+    assert int(counts["total"]) == jobs and int(counts["universe"]) == jobs - 1
