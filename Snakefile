@@ -12,12 +12,14 @@ NAME, CELLS, ALPHAS, DELTAS, SEEDS = (config[key] for key in ("name", "cells", "
 REGIONS = [a for a in ALPHAS if a != "none"]
 # Grids that differ in the number of seeds alone share their regions and runs, which are those of CELLS.
 RESULTS, PICTURES, DONE = f"results/{CELLS}", f"figures/{CELLS}", f"notebooks/executed/{CELLS}"
-TABLES, FIGURES, EXECUTED = f"results/{NAME}", f"figures/{NAME}", f"notebooks/executed/{NAME}"
-DATA_SEEDS = SEEDS if config["values"]["data_per_seed"] else [0]
+TABLES, FIGURES, EXECUTED = f"results/{NAME}/grid", f"figures/{NAME}", f"notebooks/executed/{NAME}"
+DATA_SEEDS = SEEDS  # as many datasets as seeds are measured; unless data_per_seed, all runs use the first
 RUN = "alpha_{alpha}__delta_{delta}__seed_{seed}"
 RUNS = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS)
 SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1])
-CALIBRATED = expand(RUN, alpha=REGIONS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS)
+JUDGED = {"delta": [f"{d:g}" for d in DELTAS], "seed": SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS}
+CALIBRATED = expand(RUN, alpha=REGIONS, **JUDGED)
+FREE = expand(RUN, alpha=[a for a in ALPHAS if a == "none"], **JUDGED)
 
 STUDY = config.get("study", "")
 if STUDY:
@@ -62,6 +64,7 @@ rule all:
         f"{DONE}/09_choices.ipynb",
         f"{EXECUTED}/10_calibration.ipynb",
         f"{DONE}/11_behaviour.ipynb",
+        f"{EXECUTED}/12_theorem.ipynb",
         f"{EXECUTED}/16_discrepancy.ipynb",
 
 
@@ -123,7 +126,7 @@ rule safe_region:
     input:
         rules.training_data.output.data,
         rules.embedding.output.regions,
-        modules("figures", "evaluation"),
+        modules("figures", "evaluation", "joined_measures"),
         "notebooks/04_safe_region.ipynb",
     output:
         notebook=f"{DONE}/data_{{data}}/04_safe_region.ipynb",
@@ -166,7 +169,7 @@ rule training_run:
 rule learning_performance:
     input:
         expand(f"{RESULTS}/runs/{{run}}/curve.csv", run=RUNS),
-        modules("figures"),
+        modules("figures", "joined_measures"),
         "notebooks/06_learning_performance.ipynb",
     output:
         notebook=f"{EXECUTED}/06_learning_performance.ipynb",
@@ -182,7 +185,7 @@ rule learning_performance:
 rule activations_and_failures:
     input:
         expand(f"{RESULTS}/runs/{{run}}/run.json", run=RUNS),
-        modules("figures"),
+        modules("figures", "joined_measures"),
         "notebooks/07_activations_and_failures.ipynb",
     output:
         notebook=f"{EXECUTED}/07_activations_and_failures.ipynb",
@@ -202,7 +205,8 @@ rule claims:
         expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
         f"{TABLES}/measures/06_learning_performance.csv",
         f"{TABLES}/measures/07_activations_and_failures.csv",
-        modules("claims"),
+        f"{TABLES}/measures/10_calibration.csv",
+        modules("claims", "statistics", "figures", "verdict_figures"),
         "srlrepro/claims.toml",
         "notebooks/08_claims.ipynb",
     output:
@@ -210,9 +214,11 @@ rule claims:
         claims=f"{FIGURES}/claims.csv",
         contrasts=f"{FIGURES}/contrasts.csv",
         measures=f"{FIGURES}/measures.csv",
+        performance=f"{FIGURES}/final_performance.csv",
+        figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", NOTE=config["note"]),
+        parameters=parameters(FIGURES=f"../{FIGURES}", TABLES=f"../{TABLES}", SEEDS=SEEDS, NOTE=config["note"]),
     shell:
         execute("08_claims")
 
@@ -236,16 +242,24 @@ rule choices:
 
 rule calibration:
     input:
-        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=[*CALIBRATED, *FREE]),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
-        modules("figures", "evaluation"),
+        modules("figures", "evaluation", "joined_measures"),
         "notebooks/10_calibration.ipynb",
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
+        measures=f"{TABLES}/measures/10_calibration.csv",
         figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", RUNS=CALIBRATED, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]),
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}",
+            TABLES=f"../{TABLES}",
+            RUNS=CALIBRATED,
+            COMMON_RUNS=FREE,
+            DATA_SEED=DATA_SEEDS[0],
+            NOTE=config["note"],
+        ),
     shell:
         execute("10_calibration")
 
@@ -263,6 +277,25 @@ rule behaviour:
         parameters=parameters(FIGURES=f"../{PICTURES}", RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("11_behaviour")
+
+
+rule theorem:
+    input:
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED + FREE),
+        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        modules("figures", "choosing", "divergence", "theorem"),
+        "notebooks/12_theorem.ipynb",
+    output:
+        notebook=f"{EXECUTED}/12_theorem.ipynb",
+        figure=f"{FIGURES}/theorem_terms.pdf",
+        tables=expand(f"{FIGURES}/theorem_{{table}}.csv", table=["steps", "divergence", "orders"]),
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", RUNS=CALIBRATED + FREE, DATA_SEED=DATA_SEEDS[0], DATASETS=5, STATES=5000, NOTE=config["note"]
+        ),
+    shell:
+        execute("12_theorem")
 
 
 # The studies beside the grid: in each universe, data, regions and short runs. A universe is one job, which goes

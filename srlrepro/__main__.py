@@ -182,13 +182,14 @@ def _snapshot(arguments: argparse.Namespace) -> None:
 
 
 def _claims(arguments: argparse.Namespace) -> None:
-    import pandas as pd
-
-    from srlrepro.claims import evaluate, load
+    from srlrepro.claims import judge, load
     from srlrepro.evaluation import read_measures
 
     measures = read_measures(arguments.measures)
-    print(pd.concat([evaluate(claim, measures) for claim in load()]).to_string(index=False))
+    summary, contrasts = judge(load(), measures)
+    print(
+        contrasts.to_string(index=False), summary[["id", "n", "verdict"]].to_string(index=False), sep="\n\n"
+    )
 
 
 def _choices(arguments: argparse.Namespace) -> None:

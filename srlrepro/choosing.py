@@ -91,7 +91,7 @@ def calibration(
     """
     nominal, rows = ClosedLoop.from_config(config), []
     datasets = {(a, s): generate(a, config, s) for a in alphas for s in seeds}
-    tests = {cell: _fresh(cell[0], data, config, n, cell[1]) for cell, data in datasets.items()}
+    tests = {cell: fresh_states(cell[0], data, config, n, cell[1]) for cell, data in datasets.items()}
     labels = {cell: nominal.predict(x) for cell, x in tests.items()}
     embeddings: dict[tuple[object, ...], Floats] = {}
     for values in variations:
@@ -114,6 +114,14 @@ def calibration(
             {"variation": _text(values)} | means | {"mean": mean, "h(origin)": float(np.mean(origin))}
         )
     return pd.DataFrame(rows)
+
+
+def fresh_states(alpha: float, data: TrainingData, config: Config, n: int, seed: int) -> Floats:
+    """n states [n, 6] of D_n = αUD + (1 − α)MND that are not among the training data, whose MND is taken."""
+    rng = np.random.default_rng([seed, 2])
+    n_ud, n_mnd = split(alpha, n)
+    ud = sample_uniform(n_ud, config.paper.state_max, rng)
+    return np.concatenate([ud, sample_mnd(n_mnd, data.mnd, config, rng)])
 
 
 def origin_safety(config: Config, alpha: float, seeds: Iterable[int]) -> pd.DataFrame:
@@ -146,13 +154,6 @@ def exploration(
             diverged += info["outcome"] == "diverged"
         rows.append((log_std, np.mean(inside), diverged / trials))
     return pd.DataFrame(rows, columns=["log std", "states in App. C", "trials beyond the rate bound"])
-
-
-def _fresh(alpha: float, data: TrainingData, config: Config, n: int, seed: int) -> Floats:
-    rng = np.random.default_rng([seed, 2])
-    n_ud, n_mnd = split(alpha, n)
-    ud = sample_uniform(n_ud, config.paper.state_max, rng)
-    return np.concatenate([ud, sample_mnd(n_mnd, data.mnd, config, rng)])
 
 
 def _text(values: dict[str, object] | dict[str, float]) -> str:

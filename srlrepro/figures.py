@@ -1,6 +1,6 @@
 """The paper's figures: one look, one colour per condition, and beside each figure the table it draws."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import matplotlib as mpl
@@ -22,6 +22,7 @@ COLORS = {"0": "#0072B2", "0.5": "#009E73", "1": "#D55E00", "none": "#4D4D4D"}  
 MARKERS = {"0": "o", "0.5": "s", "1": "^", "none": "D"}
 SAFE, UNSAFE = "#56B4E9", "#AA4499"
 GAMMA_MAP = "cividis"
+BOUND_HATCHES = ("", "///", "...")  # of the three terms of Theorem 1
 
 
 def use_style() -> None:
@@ -166,3 +167,29 @@ def plot_counts(ax: Axes, counts: pd.DataFrame, columns: Iterable[tuple[str, str
             ax.plot(place + spread, group[column], "o", color="black", markersize=2.5)
     ax.set_xticks(range(len(names)), [label(n) for n in names])
     ax.tick_params(axis="x", labelsize=7)
+
+
+def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str, str]) -> None:
+    """Theorem 1: the three terms of the bound as stacked bars, means over seeds; dots are the seeds.
+
+    table: a row per α (``alpha``), seed and class H (``class``), with the columns of `theorem.evaluate`.
+    Filled dots: the true error; open dots: the bound. stacked: the class of the bars; marked: {class: marker}
+    of further classes, whose bounds are marks.
+    """
+    names = sorted(table["alpha"].unique())
+    for i, name in enumerate(names):
+        cells = table[table["alpha"] == name]
+        group, bottom = cells[cells["class"] == stacked], 0.0
+        terms = (group["source_error"], group["half_divergence"], group[["e1", "e2"]].min(axis=1))
+        for term, strength, hatch in zip(terms, (1.0, 0.55, 0.25), BOUND_HATCHES, strict=True):
+            fill = mpl.colors.to_rgba(color(name), strength)
+            ax.bar(i, term.mean(), 0.6, bottom, hatch=hatch, facecolor=fill, edgecolor="white")
+            bottom += term.mean()
+        spread = np.linspace(-0.12, 0.12, len(group)) if len(group) > 1 else np.zeros(1)
+        ax.plot(i + spread, group["bound"], "o", color="black", markersize=3.5, markerfacecolor="none")
+        ax.plot(i + spread, group["error"], "o", color="black", markersize=4, markeredgecolor="white")
+        for other, marker in marked.items():
+            bounds = cells.loc[cells["class"] == other, "bound"]
+            ax.plot(i + spread, bounds, marker, color=color(name), markersize=4)
+    ax.axhline(1.0, color="#777777", linestyle=":", linewidth=1.0)
+    ax.set_xticks(range(len(names)), [label(n) for n in names])

@@ -8,15 +8,14 @@ A *universe* takes one level of every choice. Two designs (Steegen et al., 2016)
   whatever the others are. Over it, a choice's main effect on a claim is tested by Kruskal and Wallis on the
   claim's margins, with Benjamini and Hochberg's correction over the choices.
 
-The *margin* of a claim is the smallest of estimate − threshold over its contrasts (see `claims`): the claim
-holds where it is positive. Two of the "choices" draw the training data and the learner anew, and so measure
-chance.
+The *margin* of a claim is how far its estimates lie, at least, within the range where it holds (see `claims`).
+Two of the "choices" draw the training data and the learner anew, and so measure chance.
 """
 
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -25,7 +24,7 @@ import pandas as pd
 from scipy.stats import binomtest, false_discovery_control, kruskal
 from scipy.stats.qmc import LatinHypercube
 
-from srlrepro.claims import Claim, Grid, evaluate, holds
+from srlrepro.claims import Claim, Grid, evaluate, points
 
 DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
@@ -106,11 +105,14 @@ def outcomes(
     for name, table in measures.items():
         broken = conditions[name].loc[~conditions[name]["met"], "condition"]
         for claim in claims:
-            contrasts = evaluate(claim, table, grid)
-            margin = (contrasts["estimate"] - contrasts["threshold"]).min(skipna=False)
-            value, held, why = margin, holds(contrasts), ""
-            if claim.kind == "near":  # the measure itself, with its sign
-                value = evaluate(replace(claim, kind="at_least", value=0.0), table, grid)["estimate"].mean()
+            contrasts = evaluate(claim, table, grid=grid)
+            estimate = contrasts["estimate"]
+            margin = float(
+                np.minimum(estimate - contrasts["least"], contrasts["most"] - estimate).to_numpy().min()
+            )
+            value, held, why = margin, points(contrasts), ""
+            if claim.kind == "near":  # the measure itself
+                value = estimate.mean() + claim.value
             if len(broken):
                 value, margin, held, why = np.nan, np.nan, None, VIOLATED + "; ".join(broken)
             elif held is None:

@@ -7,7 +7,7 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from srlrepro.claims import load
+from srlrepro.claims import VERDICTS
 from srlrepro.config import Choices, Paper
 from srlrepro.evaluation import TEST_STATES
 from srlrepro.files import beside, read_json, read_table, write_json
@@ -16,7 +16,9 @@ ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE, README = ROOT / "docs" / "README.md.jinja", ROOT / "README.md"
 TEST_TIME, QUICK_TIME = ROOT / "docs" / "test_time.json", ROOT / "docs" / "quick_time.json"
 BENCHMARK = ROOT / "docs" / "benchmark.csv"
-RUN = "full"  # the results that the README shows
+RUN = "full"  # the results that the README shows: the paper's three seeds
+LARGER = ROOT / "figures" / "seeds_10" / "claims.csv"  # the verdicts rest on these
+CLAIM_COLUMNS = ("id", "statement", "place", "points", "verdict")
 LEARNING = ("final_return", "policy_return_share", "success_rate", "activations", "failures", "falls")
 
 
@@ -56,6 +58,15 @@ def _learning(runs: pd.DataFrame) -> list[dict[str, Any]]:
     return rows
 
 
+def _larger(three: pd.DataFrame) -> list[dict[Any, Any]]:
+    """The claims as the larger set judges them, with the verdict of three seeds; empty without that set."""
+    if not LARGER.exists():
+        return []
+    columns = ("id", "statement", "place", "paper", "estimates", "n", "verdict", "ill_posed", "joins")
+    verdicts = three[["id", "verdict"]].rename(columns={"verdict": "verdict_of_three"})
+    return read_table(LARGER, columns).merge(verdicts, on="id", how="left").fillna("").to_dict("records")
+
+
 def context() -> dict[str, Any]:
     """What the template is filled with.
 
@@ -64,13 +75,15 @@ def context() -> dict[str, Any]:
     """
     figures = ROOT / "figures" / RUN
     measures = read_table(figures / "measures.csv", ("measure", "alpha", "delta", "seed", "value"))
-    regions = measures[measures["delta"].isna()].pivot_table(index="alpha", columns="measure", values="value")
+    supervising = measures[measures["delta"].isna() & (measures["seed"] == 0)]  # the data that all runs use
+    regions = supervising.pivot_table(index="alpha", columns="measure", values="value")
     stability = measures[measures["measure"] == "spectral_radius"].set_index("delta")["value"]
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
-    points = read_table(figures / "claims.csv", ("id",)).set_index("id").iloc[:, -2]
+    claims = read_table(figures / "claims.csv", CLAIM_COLUMNS)
     return {
-        "claims": load(),
-        "points": points.to_dict(),
+        "claims": claims.to_dict("records"),
+        "larger": _larger(claims),
+        "verdicts": VERDICTS,
         "learning": _learning(runs),
         "benchmark": read_table(BENCHMARK, ("work", "ratio")).to_dict("records"),
         "quick": read_json(QUICK_TIME),

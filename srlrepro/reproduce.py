@@ -110,7 +110,7 @@ def add_time(file: Path, minutes: float, fresh: bool, **run: Any) -> None:
 def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
     """Run Snakemake on the configuration; returns its exit status."""
     folder = ROOT / "results" / config["name"]
-    fresh = not any((folder / part).exists() for part in ("measures", "universes"))
+    fresh = not any((folder / part).exists() for part in ("grid", "universes"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "workflow.json").write_text(json.dumps(config, indent=1, ensure_ascii=False) + "\n")
     command = [

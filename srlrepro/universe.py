@@ -129,7 +129,7 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
         counts = result["counts"]
         measures = run_measures(result, read_table(products / "trials.csv", ("step", "return")))
         measures |= {"activations": counts["activations"], "falls": counts["falls"]}
-        measures["failures"] = counts["activations"] - counts["recovered"]
+        measures["failures"] = counts["hit_the_ground"] + counts["not_recovered_in_time"]
         if region is not None:
             x = read_arrays(products / "visited.npz", VISITED_FORMAT, ("x",))["x"].astype(np.float64)
             errors = classification(region, x, ClosedLoop.from_config(universe.config, run.delta).predict(x))

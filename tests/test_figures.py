@@ -10,7 +10,16 @@ from PIL import Image
 
 from srlrepro.config import Config
 from srlrepro.drawing import animate
-from srlrepro.figures import COLORS, color, mark_reduced, panels, plot_counts, plot_learning, save_figure
+from srlrepro.figures import (
+    COLORS,
+    color,
+    mark_reduced,
+    panels,
+    plot_bound,
+    plot_counts,
+    plot_learning,
+    save_figure,
+)
 from srlrepro.pendulum import ThreeLinkPendulum
 
 CURVES = pd.DataFrame(
@@ -58,6 +67,18 @@ def test_bars_are_means_and_dots_are_seeds() -> None:
     plot_counts(axes[0], counts, [("activations", "")])
     assert [bar.get_height() for bar in axes[0].patches] == [15.0]
     assert list(axes[0].lines[0].get_ydata()) == [10, 20]
+
+
+def test_a_bound_is_stacked_from_its_terms() -> None:
+    """Two seeds: bars of the means, dots of both errors and both bounds, and the marks of another class."""
+    cells = {"alpha": ["0"] * 4, "class": ["small", "small", "large", "large"], "source_error": [0.1] * 4}
+    cells |= {"half_divergence": [0.2, 0.4, 0.9, 0.8], "e1": [0.1] * 4, "e2": [0.3, 0.05, 0.3, 0.05]}
+    cells |= {"error": [0.01, 0.02, 0.01, 0.02], "bound": [0.4, 0.55, 1.1, 0.95]}
+    _, axes = panels(1)
+    plot_bound(axes[0], pd.DataFrame(cells), "small", {"large": "^"})
+    assert [bar.get_height() for bar in axes[0].patches] == pytest.approx([0.1, 0.3, 0.075])
+    drawn = [list(line.get_ydata()) for line in axes[0].lines]
+    assert drawn == [[0.4, 0.55], [0.01, 0.02], [1.1, 0.95], [1.0, 1.0]]
 
 
 def test_animation_has_a_frame_per_stride_and_holds_its_end(tmp_path: Path) -> None:

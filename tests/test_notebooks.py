@@ -29,6 +29,7 @@ NAMES = [
     "09_choices",
     "10_calibration",
     "11_behaviour",
+    "12_theorem",
     "13_universe",
     "14_multiverse",
     "15_hypotheses",

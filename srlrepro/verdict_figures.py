@@ -1,0 +1,67 @@
+"""The forest plot of the claims: every contrast with its interval and its seeds."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+# (colour, marker) of a state; Tol's muted colours, none of which stands for a condition or a label
+STATE_STYLES = {
+    "supports": ("#117733", "o"),
+    "contradicts": ("#882255", "X"),
+    "unresolved": ("#888888", "s"),
+}
+HEAD = 3.4  # height of a panel's title and axis, in rows
+ROW = 0.17  # in
+LABEL_WIDTH = 56  # characters of a contrast's name in a line
+
+
+def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
+    """One claim, a contrast a row: seeds (dots), mean (marker) and interval (line), coloured by state.
+
+    The claim holds in the shaded range. contrasts: of one claim, as `claims.evaluate` gives them.
+    """
+    for place, row in enumerate(contrasts.to_dict("records")):
+        if row["n"] == 0:
+            ax.text(row["least"], place, " not measured", va="center", fontsize=6, color="#888888")
+            continue
+        tint, marker = STATE_STYLES[row["state"]]
+        seeds = np.array(str(row["values"]).split(), dtype=float)
+        ax.plot(seeds, np.full(len(seeds), place + 0.28), "|", color=tint, markersize=3, alpha=0.7)
+        ax.plot([row["low"], row["high"]], [place, place], color=tint, linewidth=1.6)
+        ax.plot(row["estimate"], place, marker, color=tint, markersize=4.5, markeredgewidth=0)
+    least, most = contrasts[["least", "most"]].iloc[0]
+    low, high = ax.get_xlim()
+    low, high = min(low, least), max(high, most if np.isfinite(most) else least)
+    margin = 0.04 * (high - low)
+    ax.axvspan(least, min(most, high + margin), color="#117733", alpha=0.07, linewidth=0)
+    for border in (least, most):
+        ax.axvline(border, color="black", linewidth=0.8)
+    ax.set(xlim=(low - margin, high + margin), ylim=(len(contrasts) - 0.4, -0.6))
+    ax.set_yticks(range(len(contrasts)), contrasts["contrast"].str.wrap(LABEL_WIDTH))
+    ax.tick_params(labelsize=6, length=2)
+
+
+def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int = 2) -> Figure:
+    """The forest plot of all claims, in columns of about the same height; both tables by `claims.judge`."""
+    sizes = contrasts.groupby("id", sort=False).size() + HEAD
+    column = (columns * (sizes.cumsum() - sizes / 2) / sizes.sum()).astype(int)
+    figure = plt.figure(figsize=(5.4 * columns, ROW * sizes.groupby(column).sum().max()))
+    for part, part_sizes in zip(
+        figure.subfigures(1, columns, squeeze=False)[0], (s for _, s in sizes.groupby(column)), strict=True
+    ):
+        axes = part.subplots(len(part_sizes), 1, height_ratios=part_sizes, squeeze=False)[:, 0]
+        for ax, name in zip(axes, part_sizes.index, strict=True):
+            claim = summary.set_index("id").loc[name]
+            plot_contrasts(ax, contrasts[contrasts["id"] == name])
+            note = " (ill-posed)" if claim["ill_posed"] else ""
+            ax.set_title(f"{name}: {claim['verdict']}{note}", fontsize=7, loc="left", fontweight="bold")
+            ax.set_xlabel(f"contrast in {claim['measure'].replace('_', ' ')}", fontsize=6, labelpad=1)
+    handles = [
+        Line2D([], [], color=tint, marker=marker, label=state)
+        for state, (tint, marker) in STATE_STYLES.items()
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=7)
+    return figure
