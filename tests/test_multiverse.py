@@ -180,11 +180,9 @@ def test_claims_over_the_studies_grid_need_no_other_mismatch() -> None:
         (claim.measure, a, d, 0, float(a == "none")) for a in ("0", "0.5", "1", "none") for d in (1.1, 4.0)
     ]
     table = pd.DataFrame(cells, columns=list(claims.MEASURE_COLUMNS))
-    assert (
-        claims.holds(claims.evaluate(claim, table, claims.GRID | {"delta": STUDIES["multiverse"].deltas}))
-        is True
-    )
-    assert claims.holds(claims.evaluate(claim, table)) is None
+    ends = claims.GRID | {"delta": STUDIES["multiverse"].deltas}
+    assert claims.points(claims.evaluate(claim, table, grid=ends)) is True
+    assert claims.points(claims.evaluate(claim, table)) is None
 
 
 def test_hypotheses_are_universes_and_the_free_learner_stands_beside_the_papers() -> None:
