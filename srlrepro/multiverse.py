@@ -8,8 +8,8 @@ A *universe* takes one level of every choice. Two designs (Steegen et al., 2016)
   whatever the others are. Over it, a choice's main effect on a claim is tested by Kruskal and Wallis on the
   claim's margins, with Benjamini and Hochberg's correction over the choices.
 
-The *margin* of a claim is how far its estimates lie, at least, within the range where it holds (`claims`).
-Two of the "choices" draw the training data and the learner anew, and so measure chance.
+The *margin* of a claim is how far its estimates lie, at least, within the range where it holds (see
+`claims`). Two of the "choices" draw the training data and the learner anew, and so measure chance.
 """
 
 import re
@@ -107,8 +107,8 @@ def outcomes(
         for claim in claims:
             contrasts = evaluate(claim, table, grid=grid)
             estimate = contrasts["estimate"]
-            inside = pd.concat([estimate - contrasts["least"], contrasts["most"] - estimate])
-            margin = inside.min(skipna=False)
+            within = pd.concat([estimate - contrasts["least"], contrasts["most"] - estimate])
+            margin = float(within.min(skipna=False))
             value, held, why = margin, points(contrasts), ""
             if claim.kind == "near":  # the measure itself
                 value = estimate.mean() + claim.value

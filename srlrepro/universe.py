@@ -1,10 +1,11 @@
 """One universe: the whole replication, from training data to measures, under one set of values.
 
-A universe that violates a condition which the paper states as its set-up is not trained in: no claim of the
-paper is about it. Its conditions and the measures of its regions are kept.
+Where a condition that the paper states as its set-up is violated, nothing is trained: no claim of the paper
+is about it. If it is a condition on the data or the region of one α, the others are trained. The conditions
+and the measures of all regions are kept.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -60,26 +61,35 @@ class Universe:
 
 
 def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
-    """What the paper states as its set-up and can be seen without a training: condition, value, met.
+    """What the paper states as its set-up and can be seen without a training: alpha, condition, value, met.
+
+    alpha is empty for a condition on the whole universe.
 
     The origin is asymptotically stable under K for every Δ, and known to be safe (Sec. II-A): near upright
     the spectral radius is below 1, and Γ(Ψ(0)) > p_t. Fig. 2 (a)-(c): states of both labels; θ1 and θ̇1 of
     the MND correlate positively. That free PPO learns to track cannot be seen at a reduced budget.
     """
-    rows: list[tuple[str, float, bool]] = []
+    rows: list[tuple[str, str, float, bool]] = []
     for delta in universe.deltas:
         loop = ClosedLoop.from_config(universe.config, delta)
         radius = loop.controller.spectral_radius(loop.system)
-        rows.append((f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
+        rows.append(("", f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
     for alpha, (data, region) in learned.items():
         share, gamma = float(data.z.mean()), float(region.safety(np.zeros((1, 6)))[0])
         accepted = gamma > universe.config.paper.p_t
-        rows.append((f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
-        rows.append((f"the region of α = {alpha} accepts the origin", gamma, accepted))
+        rows.append((alpha, f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
+        rows.append((alpha, f"the region of α = {alpha} accepts the origin", gamma, accepted))
     for data, _ in list(learned.values())[:1]:  # the MND is the same for every α
         covariance = float(data.mnd.covariance[0, 3])
-        rows.append(("θ1 and θ̇1 correlate positively in the MND", covariance, covariance > 0))
-    return pd.DataFrame(rows, columns=["condition", "value", "met"])
+        rows.append(("", "θ1 and θ̇1 correlate positively in the MND", covariance, covariance > 0))
+    return pd.DataFrame(rows, columns=["alpha", "condition", "value", "met"])
+
+
+def possible(universe: Universe, met: pd.DataFrame) -> Universe:
+    """The universe with those α only that violate nothing; met: of `conditions`."""
+    violated = set(met.loc[~met["met"], "alpha"])
+    alphas = () if "" in violated else tuple(a for a in universe.alphas if a not in violated)
+    return replace(universe, alphas=alphas)
 
 
 def region_measures(universe: Universe, learned: Learned) -> list[tuple[Any, ...]]:

@@ -9,7 +9,7 @@ import pytest
 
 from srlrepro import universe as module
 from srlrepro.config import Config
-from srlrepro.universe import Learned, Universe, conditions, region_measures, train_cells
+from srlrepro.universe import Learned, Universe, conditions, possible, region_measures, train_cells
 
 SMALL = Config().with_values(
     k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
@@ -44,17 +44,23 @@ def test_the_default_meets_the_papers_conditions(learned: Learned) -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "broken"),
+    ("values", "broken", "left"),
     [
-        ({"lqr_angle_weight": 1.0}, "upright is stable under K at Δ = 4"),
-        ({"p_t": 0.999}, "accepts the origin"),
+        ({"lqr_angle_weight": 1.0}, "upright is stable under K at Δ = 4", ()),
+        ({"p_t": 0.999}, "accepts the origin", ("none",)),
     ],
 )
-def test_violated_conditions_are_named(values: dict[str, float], broken: str, learned: Learned) -> None:
-    """With Q = I upright is lost at Δ = 4; no region promises the origin a safety of 0.999."""
+def test_violated_conditions_are_named(
+    values: dict[str, float], broken: str, left: tuple[str, ...], learned: Learned
+) -> None:
+    """With Q = I upright is lost at Δ = 4; no region promises the origin a safety of 0.999.
+
+    The first concerns the whole universe, the second one α, so that the free learner is left.
+    """
     met = conditions(replace(UNIVERSE, config=SMALL.with_values(**values)), learned)
     (name,) = met.loc[~met["met"], "condition"]
     assert broken in name
+    assert possible(UNIVERSE, met).alphas == left
 
 
 def test_measures_of_regions_are_shares(learned: Learned) -> None:
