@@ -15,6 +15,7 @@ from srlrepro.files import read_json, read_table
 from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats
 from srlrepro.safe_region import SafeRegion
+from srlrepro.supervisor import CompiledHypothesis
 
 SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in claims.toml
 
@@ -58,7 +59,7 @@ def success_log_odds(recovered: float, failed: float) -> float:
     return float(np.log((recovered + 0.5) / (failed + 0.5)))
 
 
-def common_errors(region: SafeRegion, x: Floats, labels: Labels) -> dict[str, float]:
+def common_errors(region: CompiledHypothesis, x: Floats, labels: Labels) -> dict[str, float]:
     """ε(h, l) of eq. (9) and its false positives, on states x [B, 6] that every region is asked about."""
     scores = classification(region, x, labels)
     return {"common_error": scores["error"], "common_false_positives": scores["false_positives"]}

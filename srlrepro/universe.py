@@ -18,7 +18,15 @@ from srlrepro.embedding import label_purity
 from srlrepro.evaluation import classification, first_link_shares, measure_rows, run_measures, test_states
 from srlrepro.files import read_arrays, read_json, read_table
 from srlrepro.hypotheses import ORACLES, learn
+from srlrepro.joined_measures import (
+    common_errors,
+    learning_measures,
+    new_state_purity,
+    promise_gap,
+    success_log_odds,
+)
 from srlrepro.labels import ClosedLoop
+from srlrepro.pendulum import Floats
 from srlrepro.provenance import code_hash
 from srlrepro.safe_region import SafeRegion
 from srlrepro.sampling import TrainingData, generate
@@ -97,10 +105,11 @@ def region_measures(universe: Universe, learned: Learned) -> list[tuple[Any, ...
     rows = []
     for alpha, (data, region) in learned.items():
         values = {"safe_share": float(data.z.mean()), **first_link_shares(data.x, universe.config)}
+        tests = test_states(data.mnd, universe.config, np.random.default_rng([universe.data_seed, 1]))
         if isinstance(region, SafeRegion):
             y = region.embedding_
             values["embedding_purity"] = label_purity(cdist(y, y), region.labels_)
-        tests = test_states(data.mnd, universe.config, np.random.default_rng([universe.data_seed, 1]))
+            values["new_state_purity"] = new_state_purity(region, tests, data.n_ud, universe.config.paper.k)
         scores = {source: classification(region, x, labels) for source, (x, labels) in tests.items()}
         for source, score in scores.items():
             values |= {f"{name}_{source}": score[name] for name in ("precision", "recall", "brier")}
@@ -130,13 +139,35 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
         measures = run_measures(result, read_table(products / "trials.csv", ("step", "return")))
         measures |= {"activations": counts["activations"], "falls": counts["falls"]}
         measures["failures"] = counts["hit_the_ground"] + counts["not_recovered_in_time"]
+        measures |= learning_measures(products)
+        if counts["activations"]:
+            measures["success_log_odds"] = success_log_odds(counts["recovered"], measures["failures"])
         if region is not None:
-            x = read_arrays(products / "visited.npz", VISITED_FORMAT, ("x",))["x"].astype(np.float64)
-            errors = classification(region, x, ClosedLoop.from_config(universe.config, run.delta).predict(x))
-            measures |= {"generalization_error": errors["error"]}
-            measures |= {name: errors[name] for name in ("false_positives", "brier")}
+            free = folder / "runs" / replace(run, alpha=None).name if "none" in universe.alphas else None
+            real = ClosedLoop.from_config(universe.config, run.delta)
+            measures |= _errors(region, real, products, free)
         rows += measure_rows(measures, alpha, run.delta, run.seed)
     return rows
+
+
+def _visited(products: Path) -> Floats:
+    return np.asarray(read_arrays(products / "visited.npz", VISITED_FORMAT, ("x",))["x"], np.float64)
+
+
+def _errors(
+    region: CompiledHypothesis, real: ClosedLoop, products: Path, free: Path | None
+) -> dict[str, float]:
+    """Measures of h on the states that its own run visited, and on those of the free run, if there is one."""
+    x = _visited(products)
+    errors = classification(region, x, real.predict(x))
+    measures = {"generalization_error": errors["error"]}
+    measures |= {name: errors[name] for name in ("false_positives", "brier")}
+    if isinstance(region, SafeRegion):
+        measures["promise_gap"] = promise_gap(region, x, real)
+    if free is not None:
+        common = _visited(free)
+        measures |= common_errors(region, common, real.predict(common))
+    return measures
 
 
 def _finished(folder: Path, run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any] | None:

@@ -8,13 +8,14 @@ import pandas as pd
 import pytest
 
 from srlrepro import universe as module
+from srlrepro.claims import load
 from srlrepro.config import Config
 from srlrepro.universe import Learned, Universe, conditions, possible, region_measures, train_cells
 
 SMALL = Config().with_values(
     k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
 )
-UNIVERSE = Universe(SMALL, ("0", "none"), (1.1, 4.0), (0,), 0, 64)
+UNIVERSE = Universe(SMALL, ("0", "none"), (1.1, 4.0), (0,), 0, 512)
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +82,13 @@ def test_every_cell_is_measured(trained: tuple[Path, pd.DataFrame]) -> None:
         ) not in found
         assert found["policy_return_share", "0", delta] <= 1
     assert not list((trained[0] / "checkpoints").glob("*"))
+
+
+def test_a_universe_measures_what_the_claims_are_tested_on(
+    learned: Learned, trained: tuple[Path, pd.DataFrame]
+) -> None:
+    regions = {row[0] for row in region_measures(UNIVERSE, learned)}
+    assert {claim.measure for claim in load()} <= regions | set(trained[1]["measure"])
 
 
 def test_finished_cells_are_read_and_others_trained(
