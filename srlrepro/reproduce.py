@@ -99,18 +99,29 @@ def machine() -> dict[str, Any]:
     return {"processor": processor(), "processor_cores": os.cpu_count()}
 
 
-def add_time(file: Path, minutes: float, fresh: bool, **run: Any) -> None:
-    """Keep the time that results took, over all the sittings in which a job was done."""
-    before = json.loads(file.read_text()) if file.exists() and not fresh else {"minutes": 0.0, "sittings": 0}
-    timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before.get("sittings", 1) + 1}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(timing | run | machine(), indent=1) + "\n")
+def add_time(file: Path, minutes: float, **run: Any) -> dict[str, Any]:
+    """Keep, in a file beside results, the time that they took over all sittings in which a job was done."""
+    before = json.loads(file.read_text()) if file.exists() else {"minutes": 0.0, "sittings": 0}
+    timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before["sittings"] + 1}
+    timing |= run | machine()
+    file.write_text(json.dumps(timing, indent=1) + "\n")
+    return timing
+
+
+def spent(folder: Path, seeds: list[int] | None = None) -> dict[str, Any]:
+    """What the finished trainings (of some seeds) below a folder took: number, core hours, largest memory."""
+    found = [json.loads(path.read_text()) for path in folder.rglob("run.json")]
+    costs = [result["provenance"] for result in found if seeds is None or result["run"]["seed"] in seeds]
+    return {
+        "trainings": len(costs),
+        "core_hours": round(sum(cost["seconds"] for cost in costs) / 3600, 2),
+        "peak_memory_mb": max((cost["peak_memory_mb"] for cost in costs), default=0),
+    }
 
 
 def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
     """Run Snakemake on the configuration; returns its exit status."""
     folder = ROOT / "results" / config["name"]
-    fresh = not any((folder / part).exists() for part in ("grid", "universes"))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "workflow.json").write_text(json.dumps(config, indent=1, ensure_ascii=False) + "\n")
     command = [
@@ -126,7 +137,9 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
     command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
     if dry_run:
-        return subprocess.run([*command, "--dry-run", "--quiet"], cwd=ROOT, env=environment).returncode
+        return subprocess.run(
+            [*command, "--dry-run", "--quiet", "rules", "reason"], cwd=ROOT, env=environment
+        ).returncode
     subprocess.run(
         [sys.executable, "-c", "import matplotlib.pyplot"], env=environment, check=True
     )  # its font cache
@@ -144,8 +157,11 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
             worked, status = True, INTERRUPTED
     minutes = (time.monotonic() - started) / 60
     if worked:
-        file = ROOT / "figures" / config["name"] / "run_time.json"
-        add_time(file, minutes, fresh, cores=cores, steps=config["steps"])
+        timing = add_time(folder / "run_time.json", minutes, cores=cores, steps=config["steps"])
+        timing |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
+        shown = ROOT / "figures" / config["name"] / "run_time.json"
+        shown.parent.mkdir(parents=True, exist_ok=True)
+        shown.write_text(json.dumps(timing, indent=1) + "\n")
     if status == INTERRUPTED:
         print("reproduce.sh: stopped. Start again to go on.")
     elif status:

@@ -103,11 +103,21 @@ def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str
 
 def test_the_time_of_results_is_that_of_all_sittings(tmp_path: Path) -> None:
     assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
-    file = tmp_path / "figures" / "run_time.json"
-    for minutes, fresh, total, sittings in ((2.0, True, 2.0, 1), (0.5, False, 2.5, 2), (1.0, True, 1.0, 1)):
-        reproduce.add_time(file, minutes, fresh, cores=2)
-        stored = json.loads(file.read_text())
-        assert (stored["minutes"], stored["sittings"], stored["cores"]) == (total, sittings, 2)
+    file = tmp_path / "run_time.json"
+    for minutes, total, sittings in ((2.0, 2.0, 1), (0.5, 2.5, 2)):
+        timing = reproduce.add_time(file, minutes, cores=2)
+        assert timing == json.loads(file.read_text())
+        assert (timing["minutes"], timing["sittings"], timing["cores"]) == (total, sittings, 2)
+
+
+def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) -> None:
+    for seed, seconds in enumerate((1800, 3600, 7200)):
+        (tmp_path / f"run_{seed}").mkdir()
+        result = {"run": {"seed": seed}, "provenance": {"seconds": seconds, "peak_memory_mb": 500 + seed}}
+        (tmp_path / f"run_{seed}" / "run.json").write_text(json.dumps(result))
+    assert reproduce.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
+    assert reproduce.spent(tmp_path)["trainings"] == 3
+    assert reproduce.spent(tmp_path / "nowhere", [0])["trainings"] == 0
 
 
 @pytest.mark.slow
