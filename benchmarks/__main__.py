@@ -13,7 +13,7 @@ def main() -> None:
     """The command line."""
     parser = Parser(prog="python -m benchmarks", description=__doc__, allow_abbrev=False)
     parser.add_argument(
-        "--turns", type=int, default=7, help="repetitions of each work (default: %(default)s)"
+        "--turns", type=int, default=15, help="repetitions of each work (default: %(default)s)"
     )
     parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/benchmark.csv)")
     arguments = parser.parse_args()

@@ -18,7 +18,7 @@ TEST_TIME, QUICK_TIME = ROOT / "docs" / "test_time.json", ROOT / "docs" / "quick
 BENCHMARK = ROOT / "docs" / "benchmark.csv"
 RUN = "full"  # the results that the README shows: the paper's three seeds
 LARGER = ROOT / "figures" / "seeds_10" / "claims.csv"  # the verdicts rest on these
-CLAIM_COLUMNS = ("id", "statement", "place", "points", "verdict")
+CLAIM_COLUMNS = ("id", "statement", "place", "paper", "estimates", "points", "verdict", "ill_posed", "joins")
 LEARNING = ("final_return", "policy_return_share", "success_rate", "activations", "failures", "falls")
 
 
@@ -81,7 +81,7 @@ def context() -> dict[str, Any]:
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
     claims = read_table(figures / "claims.csv", CLAIM_COLUMNS)
     return {
-        "claims": claims.to_dict("records"),
+        "claims": claims.fillna("").to_dict("records"),
         "larger": _larger(claims),
         "verdicts": VERDICTS,
         "learning": _learning(runs),
