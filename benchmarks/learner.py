@@ -59,9 +59,8 @@ def summary(timings: list[Timing]) -> pd.DataFrame:
         plain, fast = np.array(timing.plain), np.array(timing.fast)
         ratios = plain / fast
         medians = np.median(plain), np.median(fast)
-        row = (1e3 * medians[0], 1e3 * medians[1], medians[0] / medians[1], ratios.min(), ratios.max())
-        row = (*row, plain.min() / fast.min())
-        rows.append((timing.work, *row))
+        shares = medians[0] / medians[1], ratios.min(), ratios.max(), plain.min() / fast.min()
+        rows.append((timing.work, 1e3 * medians[0], 1e3 * medians[1], *shares))
     return pd.DataFrame(
         rows, columns=["work", "plain_ms", "fast_ms", "ratio", "lowest", "highest", "undisturbed"]
     )
