@@ -26,6 +26,7 @@ SITE = ROOT / "site"
 TEMPLATE = ROOT / "docs" / "site.html.jinja"
 KEPT = ("full", "seeds_10", "multiverse", "hypotheses")  # results of which the site tells, if they are there
 DOCUMENTS = {"README.md": "index.html", "docs/claims.md": "docs/claims.html"}  # beside the notebooks
+HEADING = re.compile(r"<h1[^>]*>(.*?)</h1>")
 
 
 def slug(heading: str) -> str:
@@ -99,19 +100,21 @@ class Site:
         renderer = Renderer(lambda url: self.resolve(page, url))
         return MarkdownWithMath(renderer=renderer).render(source)
 
-    def notebook(self, page: str) -> tuple[str, str]:
-        """Title and HTML of an executed notebook."""
+    def notebook(self, page: str) -> str:
+        """An executed notebook as HTML."""
         content = nbformat.read(existing(self.root / page), as_version=4)
         exporter = HTMLExporter(template_name="basic")
         exporter.register_filter("markdown2html", lambda source: self.markdown(page, source))
-        title = next(cell.source for cell in content.cells if cell.cell_type == "markdown").splitlines()[0]
-        return title.lstrip("# "), exporter.from_notebook_node(content)[0]
+        html: str = exporter.from_notebook_node(content)[0]
+        return html
 
     def figures(self) -> Iterator[dict[str, str]]:
         """The pictures of the kept results, each with the files that belong to it."""
         for name in KEPT:
             for path in sorted((self.root / "figures" / name).glob("*.png")):
-                files = {s[1:]: str(path.with_suffix(s).relative_to(self.root)) for s in (".png", ".pdf", ".csv")}
+                files = {
+                    s[1:]: str(path.with_suffix(s).relative_to(self.root)) for s in (".png", ".pdf", ".csv")
+                }
                 self.files.update(files.values())
                 yield {"name": f"{name}: {path.stem}", **files}
 
@@ -122,25 +125,30 @@ class Site:
             ResultError: a link leads nowhere.
         """
         environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(TEMPLATE.parent), undefined=jinja2.StrictUndefined, trim_blocks=True
+            loader=jinja2.FileSystemLoader(TEMPLATE.parent),
+            undefined=jinja2.StrictUndefined,
+            trim_blocks=True,
         )
         template = environment.get_template(TEMPLATE.name)
         style = HtmlFormatter().get_style_defs(".highlight")
-        listed, rendered = [], {}
-        for page, address in self.notebooks.items():
-            title, body = self.notebook(page)
-            listed.append({"group": str(Path(page).parent), "name": Path(page).stem, "title": title, "address": address})
-            rendered[page] = {"title": f"{Path(page).stem}: {title}", "body": body}
+        rendered: dict[str, dict[str, Any]] = {page: {"body": self.notebook(page)} for page in self.notebooks}
         for page in DOCUMENTS:
-            source = existing(self.root / page).read_text(encoding="utf-8")
-            rendered[page] = {"title": source.splitlines()[0].lstrip("# "), "body": self.markdown(page, source)}
+            text = existing(self.root / page).read_text(encoding="utf-8")
+            rendered[page] = {"body": self.markdown(page, text)}
+        listed = [
+            {"group": str(Path(page).parent), "name": Path(page).stem, "address": address}
+            | {"heading": "".join(HEADING.findall(rendered[page]["body"])[:1])}
+            for page, address in self.notebooks.items()
+        ]
         rendered["README.md"] |= {"figures": list(self.figures()), "notebooks": listed}
         shutil.rmtree(folder, ignore_errors=True)
         for page, values in rendered.items():
             target = folder / self.pages[page]
             target.parent.mkdir(parents=True, exist_ok=True)
             top = Path(os.path.relpath(folder, target.parent)).as_posix()
-            target.write_text(template.render(values, top=top, style=style), encoding="utf-8")
+            target.write_text(
+                template.render(values, title=Path(page).stem, top=top, style=style), encoding="utf-8"
+            )
         for name in sorted(self.files):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(existing(self.root / name), folder / name)

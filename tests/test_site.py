@@ -65,7 +65,9 @@ def checkout(tmp_path: Path) -> Path:
     nbformat.write(notebook, root / "notebooks" / "executed" / "full" / "01_a.ipynb")
     for name in ("curve.png", "curve.pdf", "curve.csv", "move.gif"):
         (root / "figures" / "full" / name).write_bytes(b"x")
-    (root / "README.md").write_text("# All\n\n[b](#the-b) [a](notebooks/executed/full/01_a.ipynb)\n\n## The *b*\n")
+    (root / "README.md").write_text(
+        "# All\n\n[b](#the-b) [a](notebooks/executed/full/01_a.ipynb)\n\n## The *b*\n"
+    )
     (root / "docs" / "claims.md").write_text("# Claims\n\n[all](../README.md#the-b)\n")
     return root
 
@@ -117,7 +119,9 @@ def test_the_whole_site_is_complete_and_the_same_each_time(built: Path, tmp_path
     assert not any("<script" in page.read_text() for page in pages)
     Site(ROOT).write(tmp_path / "again")
     files = sorted(p.relative_to(built) for p in built.rglob("*") if p.is_file())
-    assert files == sorted(p.relative_to(tmp_path / "again") for p in (tmp_path / "again").rglob("*") if p.is_file())
+    assert files == sorted(
+        p.relative_to(tmp_path / "again") for p in (tmp_path / "again").rglob("*") if p.is_file()
+    )
     assert all((built / f).read_bytes() == (tmp_path / "again" / f).read_bytes() for f in files)
 
 
@@ -143,13 +147,17 @@ class Browser:
     def visit(self, url: str, width: int) -> tuple[dict[str, Any], list[str]]:
         """What `INSPECT` finds on a page, and what went wrong on the way."""
         phone = width < WIDTHS["desktop"]
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=844, deviceScaleFactor=1, mobile=phone)
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=844, deviceScaleFactor=1, mobile=phone
+        )
         self.events.clear()
         self.call("Page.navigate", url=url)
         while not any(event["method"] == "Page.loadEventFired" for event in self.events):
             self.events.append(json.loads(self.socket.recv()))
         answer = self.call("Runtime.evaluate", expression=INSPECT, awaitPromise=True)
-        return json.loads(answer["result"]["value"]), [text for e in self.events if (text := self.complaint(e))]
+        return json.loads(answer["result"]["value"]), [
+            text for e in self.events if (text := self.complaint(e))
+        ]
 
     @staticmethod
     def complaint(event: dict[str, Any]) -> str:
@@ -159,7 +167,9 @@ class Browser:
             return str(parameters["entry"]["text"])
         if method == "Runtime.consoleAPICalled" and parameters["type"] in ("warning", "error", "assert"):
             return str(parameters["args"])
-        if method == "Network.requestWillBeSent" and not parameters["request"]["url"].startswith(("file:", "data:")):
+        if method == "Network.requestWillBeSent" and not parameters["request"]["url"].startswith(
+            ("file:", "data:")
+        ):
             return f"leaves the disk: {parameters['request']['url']}"
         return method if method in ("Runtime.exceptionThrown", "Network.loadingFailed") else ""
 
@@ -171,7 +181,9 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
         pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
     command = [program, "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"]
     process = subprocess.Popen(
-        [*command, f"--user-data-dir={tmp_path / 'profile'}", "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*command, f"--user-data-dir={tmp_path / 'profile'}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     try:
         port, end = tmp_path / "profile" / "DevToolsActivePort", time.monotonic() + PATIENCE
