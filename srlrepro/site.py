@@ -1,7 +1,7 @@
-"""The replication as a folder of HTML pages: README, executed notebooks, figures. It needs no network and no script.
+"""The replication as a folder of HTML pages: README, executed notebooks, figures. No network, no script.
 
-The site mirrors the tree of the repository, so that the relative links of README and notebooks hold; only links
-to what becomes a page change their suffix. Formulas become MathML, which browsers draw by themselves.
+The site mirrors the tree of the repository, so that the relative links of README and notebooks hold; only
+links to what becomes a page change their suffix. Formulas become MathML, which browsers draw by themselves.
 """
 
 import os

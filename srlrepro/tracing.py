@@ -1,7 +1,7 @@
 """What made a figure: its notebook, the stages before it, and the command that remakes it.
 
-How files hang together is read off the Snakefile (a forced dry run lists every job); what happened, off what
-the jobs wrote: parameters in the executed notebooks, and beside them code, versions, machine, time and memory.
+How files hang together is read off the Snakefile (a forced dry run lists every job); what happened, off
+what the jobs wrote: parameters in executed notebooks, beside them code, versions, machine, time and memory.
 """
 
 import ast
@@ -28,7 +28,8 @@ PLACES = ("figures", "notebooks/executed", "results")
 INJECTED = "injected-parameters"  # papermill's tag
 HASH_SHOWN = 8  # digits of a hash that a table shows
 JOB = re.compile(
-    r"rule (?P<rule>\w+):\n    input: (?P<inputs>.*)\n    output: (?P<outputs>.*)\n(?:    .*\n)*Shell command: (?P<command>.*)"
+    r"rule (?P<rule>\w+):\n    input: (?P<inputs>.*)\n    output: (?P<outputs>.*)\n"
+    r"(?:    .*\n)*Shell command: (?P<command>.*)"
 )
 
 
@@ -238,7 +239,7 @@ def trace(file: Path) -> str:
         lines.append(f"all of {config['name']}: {json.dumps(read_json(summary), ensure_ascii=False)}")
     if not grid:
         return "\n".join([*lines, "remade by: no command of this version plans this configuration"])
-    alone = f".venv/bin/python -m snakemake {job.executed} --cores 1 --configfile results/{config['name']}/workflow.json"
-    return "\n".join(
-        [*lines, f"remade, with the whole grid, by: {grid}", f"alone by: {grid} --dry-run && {alone}"]
-    )
+    alone = f".venv/bin/python -m snakemake {job.executed} --cores 1"
+    alone += f" --configfile results/{config['name']}/workflow.json"
+    lines += [f"remade, with all of {config['name']}, by: {grid}", f"alone by: {grid} --dry-run && {alone}"]
+    return "\n".join(lines)

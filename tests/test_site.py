@@ -1,4 +1,4 @@
-"""The site: every link and picture is there, the bytes are the same each time, and a real browser is content."""
+"""The site: every link and picture is there, the bytes are the same each time, a real browser is content."""
 
 import json
 import shutil
@@ -27,7 +27,9 @@ INSPECT = """(async () => {
   await Promise.all(images.map(image => image.decode().catch(() => {})));
   return JSON.stringify({
     missing: images.filter(image => !image.naturalWidth).map(image => image.src.slice(0, 200)),
-    width: document.documentElement.scrollWidth, shown: innerWidth, formulas: document.querySelectorAll("math").length,
+    width: document.documentElement.scrollWidth,
+    shown: innerWidth,
+    formulas: document.querySelectorAll("math").length,
   });
 })()"""
 
@@ -212,8 +214,8 @@ def test_the_browser_check_can_fail(tmp_path: Path, browser: Browser) -> None:
     """A missing picture, an error of a script, a request to the network, and a page too wide for a phone."""
     page = tmp_path / "bad.html"
     page.write_text(
-        "<meta name=viewport content='width=device-width'><img src=none.png><script>console.error('wrong')</script>"
-        "<img src='http://127.0.0.1:9/x.png'><div style='width: 900px'>wide</div>"
+        "<meta name=viewport content='width=device-width'><script>console.error('wrong')</script>"
+        "<img src=none.png><img src='http://127.0.0.1:9/x.png'><div style='width: 900px'>wide</div>"
     )
     found, complaints = browser.visit(page.as_uri(), WIDTHS["phone"])
     assert len(found["missing"]) == 2 and found["width"] > WIDTHS["phone"]
