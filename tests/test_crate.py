@@ -8,12 +8,6 @@ from io import BytesIO
 from pathlib import Path
 
 import pytest
-
-rocrate = pytest.importorskip("rocrate", reason="rocrate is not installed: requirements-test.txt has it")
-pytest.importorskip(
-    "rocrate_validator", reason="roc-validator is not installed: requirements-test.txt has it"
-)
-
 import requests
 from requests.adapters import BaseAdapter, HTTPAdapter
 from requests_cache import CachedSession
