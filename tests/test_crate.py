@@ -48,16 +48,6 @@ def metadata() -> dict:
     return describe(("full",)).metadata.generate()
 
 
-def validate(metadata: dict, profile: str, cache: Path, folder: Path) -> dict:
-    (folder / "ro-crate-metadata.json").write_text(json.dumps(metadata))
-    command = [str(Path(sys.executable).parent / "rocrate-validator"), "-y", "validate", "-np", "-p", profile]
-    command += ["--metadata-only", "--offline", "--cache-path", str(cache), "-f", "json"]
-    command += ["-o", str(folder / "report.json"), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert (folder / "report.json").exists(), done.stdout + done.stderr
-    return json.loads((folder / "report.json").read_text())
-
-
 @pytest.mark.slow
 def test_every_file_of_the_crate_is_there_and_made_by_an_action(metadata: dict) -> None:
     graph = {entity["@id"]: entity for entity in metadata["@graph"]}
@@ -69,9 +59,16 @@ def test_every_file_of_the_crate_is_there_and_made_by_an_action(metadata: dict) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("profile", ["ro-crate-1.1", "process-run-crate-0.5"])
-def test_the_crate_is_valid(profile: str, metadata: dict, cache: Path, tmp_path: Path) -> None:
-    report = validate(metadata, profile, cache, tmp_path)
-    assert report["passed"] and not report.get("skipped_checks"), json.dumps(report["issues"], indent=1)[
-        :4000
-    ]
+def test_the_crate_is_valid(metadata: dict, cache: Path, tmp_path: Path) -> None:
+    """By all required checks of Process Run Crate 0.5 and of RO-Crate 1.1, on which it rests; none skipped."""
+    for path in ("figures", "notebooks", "srlrepro", "Snakefile"):
+        (tmp_path / path).symlink_to(ROOT / path)
+    (tmp_path / "ro-crate-metadata.json").write_text(json.dumps(metadata))
+    report = tmp_path / "report.json"
+    command = [str(Path(sys.executable).parent / "rocrate-validator"), "-y", "validate"]
+    command += ["-np", "-p", "process-run-crate-0.5", "--offline", "--cache-path", str(cache)]
+    done = subprocess.run([*command, "-f", "json", "-o", report, tmp_path], capture_output=True, text=True)
+    assert report.exists(), done.stdout + done.stderr
+    found = json.loads(report.read_text())
+    assert found["passed"] and found["statistics"]["total_passed_checks"] >= 38, found["issues"]
+    assert found["skipped_checks"] == 0, found["skipped_check_details"]
