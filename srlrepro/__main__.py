@@ -91,6 +91,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("claims", _claims, "Evaluate the tests of the paper's claims on a folder of measures.")
     sub.add_argument("measures", type=Path, help="such as results/quick/measures")
 
+    sub = command("provenance", _provenance, "Print what made a figure, back to the command that remakes it.")
+    sub.add_argument("figure", type=Path, help="a figure, table or executed notebook of the results")
+
+    command("crate", _crate, "Describe the results as a RO-Crate (ro-crate-metadata.json).")
     command("choices", _choices, "List every parameter with its value, allowed values and reason.")
     sub = command("readme", _readme, "Render README.md from its template and the results.")
     sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if README.md is stale")
@@ -190,6 +194,18 @@ def _claims(arguments: argparse.Namespace) -> None:
     print(
         contrasts.to_string(index=False), summary[["id", "n", "verdict"]].to_string(index=False), sep="\n\n"
     )
+
+
+def _provenance(arguments: argparse.Namespace) -> None:
+    from srlrepro.tracing import trace
+
+    print(trace(arguments.figure))
+
+
+def _crate(arguments: argparse.Namespace) -> None:
+    from srlrepro.crate import write
+
+    print(f"written: {write()}")
 
 
 def _choices(arguments: argparse.Namespace) -> None:

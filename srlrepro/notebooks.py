@@ -7,6 +7,7 @@ code cell ran, and every result file that the notebook promises is new.
 
 import logging
 import os
+import resource
 import sys
 import tempfile
 import time
@@ -16,7 +17,8 @@ from types import ModuleType
 from typing import Any, cast
 
 from srlrepro.config import check
-from srlrepro.files import ResultError, beside, existing, require_writable
+from srlrepro.files import ResultError, beside, existing, require_writable, write_json
+from srlrepro.provenance import EVERYTHING, provenance
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 # nbformat's validator imports this grammar of IRIs, which takes two seconds and which no notebook needs;
@@ -68,7 +70,7 @@ def execute(
     results: Iterable[Path] = (),
     timeout: float = 86_400,
 ) -> None:
-    """Execute a notebook in its own folder and write the executed copy.
+    """Execute a notebook in its own folder and write the executed copy, and beside it (.json) what made it.
 
     Args:
         notebook, output: the source and the executed notebook.
@@ -122,6 +124,8 @@ def execute(
                 raise ResultError(f"{notebook.name} left an old {path} in place")
         _forget_machine(executed)
         nbformat.write(executed, temporary)
+        made = provenance(time.time() - started - STALE, EVERYTHING, resource.RUSAGE_CHILDREN)
+        write_json(output.with_suffix(".json"), {"parameters": parameters} | made)
 
 
 def _forget_machine(notebook: Any) -> None:

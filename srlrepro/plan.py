@@ -46,7 +46,8 @@ def make_parser() -> argparse.ArgumentParser:
         prog="reproduce.sh",
         allow_abbrev=False,
         description="Regenerate every figure of the paper. What is up to date is not run again.",
-        epilog="./reproduce.sh test [PYTEST OPTIONS] runs the tests instead.",
+        epilog="./reproduce.sh test [PYTEST OPTIONS] runs the tests instead; "
+        "./reproduce.sh site writes README and executed notebooks as pages to site/.",
     )
     parser.add_argument(
         "--quick", action="store_true", help="the same grid with few training steps (minutes, not hours)"

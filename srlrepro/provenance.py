@@ -31,6 +31,7 @@ REGION = (*DATA, "embedding", "assessment", "judging", "safe_region")
 TASK = (*REGION, "env", "supervisor", "hypotheses")
 LEARNER = ("network", "updating", "rollout", "sharing", "replay", "compiled_ppo")
 LEARNING = (*TASK, *LEARNER, "checkpoint", "recording", "training")
+EVERYTHING = tuple(sorted(path.stem for path in Path(__file__).parent.glob("*.py")))
 
 
 @cache
@@ -51,19 +52,21 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def peak_memory() -> float:
-    """Largest memory that this process has used so far, MB."""
+def peak_memory(who: int = resource.RUSAGE_SELF) -> float:
+    """Largest memory that this process (or with RUSAGE_CHILDREN, one that it ended) has used so far, MB."""
     unit = 1 if sys.platform == "darwin" else 1024  # bytes in which ru_maxrss counts
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    return resource.getrusage(who).ru_maxrss * unit / 1e6
 
 
-def provenance(seconds: float) -> dict[str, Any]:
-    """Hash of the code of a training, versions, machine, the time that the result took (s), memory (MB)."""
+def provenance(
+    seconds: float, modules: tuple[str, ...] = LEARNING, who: int = resource.RUSAGE_SELF
+) -> dict[str, Any]:
+    """Hash of the code of a result, versions, machine, the time that the result took (s), memory (MB)."""
     return {
-        "code": code_hash(),
+        "code": code_hash(modules),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
         "machine": {"system": platform.system(), "processor": processor(), "cores": os.cpu_count()},
         "seconds": round(seconds, 1),
-        "peak_memory_mb": round(peak_memory()),
+        "peak_memory_mb": round(peak_memory(who)),
     }

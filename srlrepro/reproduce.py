@@ -1,4 +1,4 @@
-"""The driver behind ``reproduce.sh``: command line, set-up of ``.venv``, then the workflow or the tests.
+"""The driver behind ``reproduce.sh``: command line, set-up of ``.venv``, then workflow, tests or site.
 
 Up to the set-up only the standard library is used: a wrong command line is refused, in one line, before
 anything is written. The driver then starts itself again with the Python of ``.venv``.
@@ -189,11 +189,25 @@ def run_tests(options: list[str]) -> int:
     return next((status for status in results if status), 0)
 
 
+def make_site() -> int:
+    """Write the pages of README and executed notebooks; returns the exit status."""
+    from srlrepro.files import ResultError
+    from srlrepro.site import SITE, Site
+
+    try:
+        Site(ROOT).write(SITE)
+    except ResultError as error:
+        print(f"reproduce.sh: {error}", file=sys.stderr)
+        return 1
+    print(f"Done: {(SITE / 'index.html').relative_to(ROOT)}")
+    return 0
+
+
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
-    test = arguments[:1] == ["test"]
+    test, site = arguments[:1] == ["test"], arguments == ["site"]
     options = argparse.Namespace()
-    if not test:
+    if not test and not site:
         parser = make_parser()
         options = parser.parse_args(arguments)
         try:
@@ -205,6 +219,8 @@ def main(arguments: list[str]) -> int:
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "srlrepro.reproduce", *arguments])
     with only_one():
+        if site:
+            return make_site()
         return run_tests(arguments[1:]) if test else run_workflow(config, options.cores, options.dry_run)
 
 
