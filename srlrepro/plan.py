@@ -111,6 +111,20 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def check_name(name: str) -> None:
+    """See that a name of results can be that of a folder, and leads nowhere else.
+
+    Raises:
+        ParameterError: it cannot.
+    """
+    check(
+        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
+        "--name",
+        name,
+        "letters, digits, '_', '-' and '.'",
+    )
+
+
 def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     """The workflow's configuration for a command line.
 
@@ -159,12 +173,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     default = papers and arguments.seeds == SEEDS
     more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
     name = arguments.name or (size if default else more if papers else "custom")
-    check(
-        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
-        "--name",
-        name,
-        "letters, digits, '_', '-' and '.'",
-    )
+    check_name(name)
     check(
         (default and name == size) or name not in RESERVED,
         "--name",

@@ -84,7 +84,9 @@ class Cluster:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.environment = folder, os.environ | {"SLURM_CONF": str(folder / "slurm.conf")}
+        self.folder = folder
+        paths = {"SLURM_CONF": f"{folder}/slurm.conf", "PATH": f"{folder}:{os.environ['PATH']}"}
+        self.environment = os.environ | paths
         self.processes: dict[str, psutil.Popen] = {}
         self.started = time.time()
 
@@ -105,6 +107,9 @@ class Cluster:
             lost_after=LOST_AFTER,
         )
         (self.folder / "slurm.conf").write_text(text)
+        srun = self.folder / "srun"  # the workflow's jobs start without the variables that begin with SLURM
+        srun.write_text(f'#!/bin/sh\nSLURM_CONF={self.folder}/slurm.conf exec {shutil.which("srun")} "$@"\n')
+        srun.chmod(0o755)
         files = {name: self.folder / f"munge.{name}" for name in ("socket", "key", "log", "pid", "seed")}
         options = [
             f"--{option}={files[option.partition('-')[0]]}"
@@ -139,6 +144,12 @@ class Cluster:
         """Start slurmd and wait until the node takes jobs."""
         self._start("slurmd", "-D")
         _until(lambda: self.ask("sinfo", "-h", "-o", "%T") in ("idle", "mixed", "allocated"), "no node")
+
+    def until_running(self, job: str) -> None:
+        """Wait until a job runs."""
+        _until(
+            lambda: self.ask("squeue", "-h", "-j", job, "-o", "%T") == "RUNNING", f"job {job} does not run"
+        )
 
     def lose_node(self) -> None:
         """Kill slurmd, the steps that it started and all that runs in them, as a lost node would."""
