@@ -76,9 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("execute", _execute, "Execute a parameterised notebook.")
     sub.add_argument("notebook", type=Path)
     sub.add_argument("output", type=Path)
-    sub.add_argument(
-        "--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters"
-    )
+    sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value}, or @FILE with them")
     sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
 
     sub = command(
@@ -168,10 +166,12 @@ def _train(arguments: argparse.Namespace) -> None:
 
 
 def _execute(arguments: argparse.Namespace) -> None:
+    from srlrepro.files import read_json
     from srlrepro.notebooks import execute
 
+    text = arguments.parameters
     try:
-        parameters = json.loads(arguments.parameters)
+        parameters = read_json(Path(text[1:])) if text.startswith("@") else json.loads(text)
     except json.JSONDecodeError as error:
         raise ParameterError(f"--parameters: not JSON: {error}") from None
     results = [path for path in arguments.results if path != arguments.output]
