@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,10 +16,11 @@ import pytest
 from srlrepro.claims import MEASURE_COLUMNS
 from srlrepro.config import Config
 from srlrepro.files import ResultError
-from srlrepro.importing import LARGEST, NOTEBOOK, bring_in, cells, difference, outputs
+from srlrepro.importing import LARGEST, NOTEBOOK, bring_in, cells, difference, mark_finished, outputs
 from srlrepro.plan import make_parser, plan
 from srlrepro.training import train
 
+ROOT = Path(__file__).parent.parent
 SETTINGS = ["n_steps=64", "n_minibatches=4", "n_epochs=1", "hidden_width=16"]
 GRID = ["--alphas", "0", "none", "--deltas", "1.5", "--seeds", "2", "--steps", "64", "--name", "small"]
 FREE = "alpha_none__delta_1.5__seed_0"
@@ -156,3 +159,29 @@ def test_a_difference_is_one_of_type_too() -> None:
     assert difference({"a": {"b": 1}}, {"a": {"b": 1, "c": 2}}) == ""
     assert difference({"a": {"b": 1}}, {"a": {"b": True}}) == "a.b is 'True', here '1'"
     assert difference({"a": 1}, {}) == "a is 'None', here '1'"
+
+
+@pytest.mark.slow
+def test_snakemake_takes_the_run_for_finished_until_a_value_changes(
+    checkouts: tuple[Path, Path], workflow: dict[str, Any]
+) -> None:
+    there, here = checkouts
+    for name in ("srlrepro", "Snakefile"):
+        (here / name).symlink_to(ROOT / name)
+    shutil.copy(ROOT / "notebooks" / f"{NOTEBOOK}.ipynb", here / "notebooks")
+    run = next(run for run, _ in cells(workflow) if run.name == FREE)
+    shutil.copy(ROOT / "notebooks" / f"{NOTEBOOK}.ipynb", there / outputs(workflow, run)["notebook"])
+    notebooks, _ = bring_in(there, "small", here)
+    mark_finished(notebooks, "small", here)
+
+    def planned_again() -> str:
+        config = ["--configfile", "results/small/workflow.json", "--allowed-rules", "training_run"]
+        command = ["snakemake", "--cores", "1", "--dry-run", *config, "--", *notebooks]
+        done = subprocess.run([sys.executable, "-m", *command], cwd=here, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout + done.stderr
+
+    assert "Nothing to be done" in planned_again()
+    workflow["values"]["p_t"] = 0.7
+    (here / "results" / "small" / "workflow.json").write_text(json.dumps(workflow))
+    assert "training_run" in planned_again()
