@@ -49,7 +49,7 @@ NodeName={host} NodeAddr=127.0.0.1 CPUs=2 RealMemory={memory} State=UNKNOWN
 PartitionName=only Nodes={host} Default=YES MaxTime=INFINITE State=UP
 """
 LOST_AFTER = 10  # s without an answer after which the controller gives a node up
-PATIENCE = 60.0  # s for a daemon to answer
+PATIENCE = 180.0  # s for a daemon to answer, and for a queued job to start again after it lost its node
 
 
 def missing() -> list[str]:
@@ -88,7 +88,6 @@ class Cluster:
         paths = {"SLURM_CONF": f"{folder}/slurm.conf", "PATH": f"{folder}:{os.environ['PATH']}"}
         self.environment = os.environ | paths
         self.processes: dict[str, psutil.Popen] = {}
-        self.started = time.time()
 
     def __enter__(self) -> Self:
         for name in ("state", "spool"):
@@ -124,8 +123,7 @@ class Cluster:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        subprocess.run(["scancel", f"--user={getpass.getuser()}"], env=self.environment, timeout=PATIENCE)
-        self.lose_node()
+        self._kill_node()
         for process in reversed(self.processes.values()):
             process.terminate()
             process.wait(PATIENCE)
@@ -152,9 +150,15 @@ class Cluster:
         )
 
     def lose_node(self) -> None:
-        """Kill slurmd, the steps that it started and all that runs in them, as a lost node would."""
-        steps = [p for p in psutil.process_iter(["name", "create_time"]) if self._is_step(p.info)]
-        lost = [self.processes.pop("slurmd"), *steps]
+        """Kill all that runs on the node, and wait until the controller has given it up."""
+        self._kill_node()
+        _until(lambda: self.ask("sinfo", "-h", "-o", "%T").startswith("down"), "the lost node is not down")
+
+    def _kill_node(self) -> None:
+        """Kill slurmd, the steps that it started and all that runs in them."""
+        steps = [p for p in psutil.process_iter(["name"]) if p.info["name"] == "slurmstepd" and self._owns(p)]
+        daemons = [self.processes.pop("slurmd")] if "slurmd" in self.processes else []
+        lost = [*daemons, *steps]
         lost += [child for step in steps for child in step.children(recursive=True)]
         for process in lost:
             try:
@@ -163,8 +167,13 @@ class Cluster:
                 continue
         psutil.wait_procs(lost, timeout=PATIENCE)
 
-    def _is_step(self, info: dict[str, object]) -> bool:
-        return info["name"] == "slurmstepd" and float(str(info["create_time"])) >= self.started
+    def _owns(self, process: psutil.Process) -> bool:
+        """Whether a process is of this cluster, not of another on the machine."""
+        try:
+            variables = Path(f"/proc/{process.pid}/environ").read_bytes()
+        except OSError:  # it has ended
+            return False
+        return f"SLURM_CONF={self.folder}/slurm.conf".encode() in variables.split(b"\0")
 
 
 def main() -> int:

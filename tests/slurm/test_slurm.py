@@ -52,6 +52,7 @@ def tables(checkout: Path, name: str) -> dict[str, bytes]:
 
 @needs_slurm
 @pytest.mark.slurm
+@pytest.mark.slow
 def test_the_cluster_runs_jobs_and_survives_its_node(tmp_path: Path) -> None:
     with Cluster(tmp_path) as cluster:
         assert cluster.ask("srun", "-n1", "echo", "works") == "works"
