@@ -3,8 +3,10 @@
 # A rule is run again when its notebook, a module that makes its *numbers*, a value of the configuration or
 # one of its input results changed. srlrepro/figures.py is no input of the runs: a new colour trains nothing.
 
+import hashlib
 import json
 import sys
+from pathlib import Path
 
 from srlrepro import provenance
 
@@ -20,6 +22,8 @@ SHOWN = expand(RUN, alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS], seed=SEEDS[:
 JUDGED = {"delta": [f"{d:g}" for d in DELTAS], "seed": SEEDS[:1] if config["values"]["data_per_seed"] else SEEDS}
 CALIBRATED = expand(RUN, alpha=REGIONS, **JUDGED)
 FREE = expand(RUN, alpha=[a for a in ALPHAS if a == "none"], **JUDGED)
+
+LONGEST = 2**16  # characters of parameters on a command line; Linux takes twice as many bytes
 
 STUDY = config.get("study", "")
 if STUDY:
@@ -45,9 +49,16 @@ def figures_of(data):
 
 
 def parameters(**values):
-    """The notebook's parameters as JSON; paths are relative to the notebook."""
+    """The notebook's parameters as JSON, or @ and the file that holds them; paths are relative to the notebook."""
     common = {"RESULTS": f"../{RESULTS}", "SETTINGS": config["settings"]}
-    return json.dumps(common | values, ensure_ascii=False)
+    text = json.dumps(common | values, ensure_ascii=False)
+    if len(text) < LONGEST:
+        return text
+    from srlrepro.files import write_json
+
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    write_json(file := Path(f"results/{NAME}/parameters/{digest}.json"), common | values)
+    return f"@{file}"
 
 
 def execute(notebook):

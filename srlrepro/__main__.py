@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from srlrepro.config import Choices, Config, Paper, ParameterError, check, parse_settings
-from srlrepro.plan import Parser
+from srlrepro.plan import Parser, check_name
 
 
 def _alpha(text: str) -> float | None:
@@ -76,9 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("execute", _execute, "Execute a parameterised notebook.")
     sub.add_argument("notebook", type=Path)
     sub.add_argument("output", type=Path)
-    sub.add_argument(
-        "--parameters", default="{}", metavar="JSON", help="{NAME: value} for the cell tagged parameters"
-    )
+    sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value}, or @FILE with them")
     sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
 
     sub = command(
@@ -87,6 +85,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "notebooks", type=Path, nargs="+", help="in their order: later ones read what earlier ones write"
     )
+
+    sub = command("import", _import, "Bring in finished runs that another checkout has trained.")
+    sub.add_argument("folder", type=Path, help="the other checkout, or a copy of what it made")
+    sub.add_argument("--name", required=True, help="results that lack them, such as full")
 
     sub = command("claims", _claims, "Evaluate the tests of the paper's claims on a folder of measures.")
     sub.add_argument("measures", type=Path, help="such as results/quick/measures")
@@ -168,10 +170,12 @@ def _train(arguments: argparse.Namespace) -> None:
 
 
 def _execute(arguments: argparse.Namespace) -> None:
+    from srlrepro.files import read_json
     from srlrepro.notebooks import execute
 
+    text = arguments.parameters
     try:
-        parameters = json.loads(arguments.parameters)
+        parameters = read_json(Path(text[1:])) if text.startswith("@") else json.loads(text)
     except json.JSONDecodeError as error:
         raise ParameterError(f"--parameters: not JSON: {error}") from None
     results = [path for path in arguments.results if path != arguments.output]
@@ -206,6 +210,21 @@ def _crate(arguments: argparse.Namespace) -> None:
     from srlrepro.crate import write
 
     print(f"written: {write()}")
+
+
+def _import(arguments: argparse.Namespace) -> None:
+    from srlrepro.importing import bring_in, mark_finished
+    from srlrepro.reproduce import ROOT, only_one
+
+    check_name(arguments.name)
+    check(arguments.folder.is_dir(), "FOLDER", arguments.folder, "a folder")
+    with only_one():
+        notebooks, refused = bring_in(arguments.folder, arguments.name, ROOT)
+        mark_finished(notebooks, arguments.name, ROOT)
+    print(*(f"refused {run}: {reason}\n" for run, reason in refused.items()), sep="", end="")
+    print(f"{len(notebooks)} runs brought in, {len(refused)} refused")
+    if refused:
+        sys.exit(1)
 
 
 def _choices(arguments: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, NoReturn
 from srlrepro.config import Config, check, parse_settings
 
 ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
+CORES = os.cpu_count() or 1
 
 
 class Study(NamedTuple):
@@ -101,12 +102,28 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--cores",
         type=int,
-        default=os.cpu_count() or 1,
         metavar="N",
-        help="jobs at a time (default: all cores, %(default)s)",
+        help=f"jobs at a time (default: all cores, {CORES}; with --slurm, as many as profiles/slurm says)",
+    )
+    parser.add_argument(
+        "--slurm", action="store_true", help="run the jobs on a Slurm cluster, as profiles/slurm says"
     )
     parser.add_argument("--dry-run", action="store_true", help="say what would be run, and run nothing")
     return parser
+
+
+def check_name(name: str) -> None:
+    """See that a name of results can be that of a folder, and leads nowhere else.
+
+    Raises:
+        ParameterError: it cannot.
+    """
+    check(
+        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
+        "--name",
+        name,
+        "letters, digits, '_', '-' and '.'",
+    )
 
 
 def plan(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -135,7 +152,12 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "joined by at least one number, for the figures of the regions",
     )
     check(arguments.seeds >= 1, "--seeds", arguments.seeds, "a whole number in [1, inf)")
-    check(arguments.cores >= 1, "--cores", arguments.cores, "a whole number in [1, inf)")
+    check(
+        arguments.cores is None or arguments.cores >= 1,
+        "--cores",
+        arguments.cores,
+        "a whole number in [1, inf)",
+    )
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
     grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
     seeds, longest = arguments.seeds, config.choices.total_steps
@@ -152,12 +174,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     default = papers and arguments.seeds == SEEDS
     more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
     name = arguments.name or (size if default else more if papers else "custom")
-    check(
-        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
-        "--name",
-        name,
-        "letters, digits, '_', '-' and '.'",
-    )
+    check_name(name)
     check(
         (default and name == size) or name not in RESERVED,
         "--name",

@@ -15,10 +15,11 @@ from srlrepro.files import beside, read_json, read_table, write_json
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE, README = ROOT / "docs" / "README.md.jinja", ROOT / "README.md"
 TEST_TIME, QUICK_TIME = ROOT / "docs" / "test_time.json", ROOT / "docs" / "quick_time.json"
-BENCHMARK = ROOT / "docs" / "benchmark.csv"
+BENCHMARK, OVERHEAD = ROOT / "docs" / "benchmark.csv", ROOT / "docs" / "overhead.csv"
 RUN = "full"  # the results that the README shows: the paper's three seeds
 LARGER = ROOT / "figures" / "seeds_10" / "claims.csv"  # the verdicts rest on these
 CLAIM_COLUMNS = ("id", "statement", "place", "paper", "estimates", "points", "verdict", "ill_posed", "joins")
+MORE_SEEDS = (10, 100, 1000)
 LEARNING = ("final_return", "policy_return_share", "success_rate", "activations", "failures", "falls")
 
 
@@ -67,6 +68,18 @@ def _larger(three: pd.DataFrame) -> list[dict[Any, Any]]:
     return read_table(LARGER, columns).merge(verdicts, on="id", how="left").fillna("").to_dict("records")
 
 
+def _costs(run: dict[str, Any], conditions: int) -> list[dict[str, float]]:
+    """Core hours of the trainings of more seeds, each as long as those measured were on average; empty
+    where the time of the results was kept without that of the trainings."""
+    if not run.get("trainings"):
+        return []
+    each = run["core_hours"] / run["trainings"]
+    return [
+        {"seeds": seeds, "trainings": conditions * seeds, "core_hours": each * conditions * seeds}
+        for seeds in MORE_SEEDS
+    ]
+
+
 def context() -> dict[str, Any]:
     """What the template is filled with.
 
@@ -80,6 +93,7 @@ def context() -> dict[str, Any]:
     stability = measures[measures["measure"] == "spectral_radius"].set_index("delta")["value"]
     runs = measures[measures["delta"].notna() & measures["alpha"].notna()]
     claims = read_table(figures / "claims.csv", CLAIM_COLUMNS)
+    run, cells = read_json(figures / "run_time.json"), runs[["alpha", "delta", "seed"]].drop_duplicates()
     return {
         "claims": claims.fillna("").to_dict("records"),
         "larger": _larger(claims),
@@ -94,8 +108,10 @@ def context() -> dict[str, Any]:
         "chosen": _parameters(Choices, "reason"),
         "regions": {f"{float(str(a)):g}": row.to_dict() for a, row in regions.iterrows()},
         "stability": {f"{d:g}": r for d, r in stability.items()},
-        "run": read_json(figures / "run_time.json"),
-        "runs": runs[["alpha", "delta", "seed"]].drop_duplicates().shape[0],
+        "run": run,
+        "costs": _costs(run, len(cells[["alpha", "delta"]].drop_duplicates())),
+        "overhead": read_table(OVERHEAD, ("cells", "dry_run_cpu_s")).to_dict("records"),
+        "runs": len(cells),
         "seeds": runs["seed"].nunique(),
         "test": read_json(TEST_TIME),
     }

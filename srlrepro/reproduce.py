@@ -20,19 +20,19 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from srlrepro.config import ParameterError
-from srlrepro.plan import make_parser, plan
+from srlrepro.plan import CORES, make_parser, plan
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
+PROFILE = ROOT / "profiles" / "slurm"
 THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 DONE = re.compile(r"^(\d+) of (\d+) steps \(")
 INTERRUPTED = 130  # exit status after Ctrl-C
 REPORT_EVERY = 30.0  # s between two progress lines where there is no terminal
 
 
-def set_up(test: bool) -> None:
-    """Make ``.venv`` and install the requirements, unless that has been done with the same requirements."""
-    names = ["requirements.txt", *(["requirements-test.txt"] if test else [])]
+def set_up(names: list[str]) -> None:
+    """Make ``.venv`` and install these requirements, unless that has been done with the same ones."""
     for name in names:
         sources = [ROOT / name, ROOT / "constraints.txt", ROOT / "pyproject.toml"]
         wanted = hashlib.sha256(b"".join(s.read_bytes() for s in sources) + sys.version.encode()).hexdigest()
@@ -119,7 +119,14 @@ def spent(folder: Path, seeds: list[int] | None = None) -> dict[str, Any]:
     }
 
 
-def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
+def engine(slurm: bool, cores: int | None) -> list[str]:
+    """Options of Snakemake: run jobs on so many cores here, or so many at a time on Slurm."""
+    if not slurm:
+        return ["--cores", str(cores or CORES)]
+    return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
+
+
+def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
     """Run Snakemake on the configuration; returns its exit status."""
     folder = ROOT / "results" / config["name"]
     folder.mkdir(parents=True, exist_ok=True)
@@ -129,14 +136,13 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
         "-m",
         "snakemake",
         config["study"] or "all",
-        "--cores",
-        str(cores),
+        *engine(options.slurm, options.cores),
         "--configfile",
         str(folder / "workflow.json"),
     ]
     command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
-    if dry_run:
+    if options.dry_run:
         return subprocess.run(
             [*command, "--dry-run", "--quiet", "rules", "reason"], cwd=ROOT, env=environment
         ).returncode
@@ -157,7 +163,8 @@ def run_workflow(config: dict[str, Any], cores: int, dry_run: bool) -> int:
             worked, status = True, INTERRUPTED
     minutes = (time.monotonic() - started) / 60
     if worked:
-        timing = add_time(folder / "run_time.json", minutes, cores=cores, steps=config["steps"])
+        place = {"cores": "Slurm" if options.slurm else options.cores or CORES, "steps": config["steps"]}
+        timing = add_time(folder / "run_time.json", minutes, **place)
         timing |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
         shown = ROOT / "figures" / config["name"] / "run_time.json"
         shown.parent.mkdir(parents=True, exist_ok=True)
@@ -215,13 +222,14 @@ def main(arguments: list[str]) -> int:
         except ParameterError as error:
             parser.error(str(error))
     if Path(sys.prefix) != VENV:
-        set_up(test)
+        wanted = "test" if test else "slurm" if options.slurm else ""
+        set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "srlrepro.reproduce", *arguments])
     with only_one():
         if site:
             return make_site()
-        return run_tests(arguments[1:]) if test else run_workflow(config, options.cores, options.dry_run)
+        return run_tests(arguments[1:]) if test else run_workflow(config, options)
 
 
 if __name__ == "__main__":

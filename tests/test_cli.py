@@ -123,6 +123,8 @@ def test_label_of_a_state(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (["label", "--state", "nan", *["0"] * 5], ("x = NaN", "finite")),
         (["execute", "a.ipynb", "b.ipynb", "--parameters", "{"], ("--parameters", "JSON")),
+        (["import", "nowhere", "--name", "../x"], ("--name = ../x", "letters")),
+        (["import", "nowhere", "--name", "full"], ("FOLDER = nowhere", "a folder")),
         (["dance"], ("dance",)),
         ([], ("COMMAND",)),
     ],

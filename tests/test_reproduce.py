@@ -12,7 +12,7 @@ import pytest
 
 from srlrepro import reproduce
 from srlrepro.config import Choices, ParameterError
-from srlrepro.plan import STUDIES, make_parser, plan
+from srlrepro.plan import CORES, STUDIES, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -118,6 +118,15 @@ def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) 
     assert reproduce.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
     assert reproduce.spent(tmp_path)["trainings"] == 3
     assert reproduce.spent(tmp_path / "nowhere", [0])["trainings"] == 0
+
+
+def test_jobs_run_here_or_on_slurm() -> None:
+    assert reproduce.engine(False, 3) == ["--cores", "3"]
+    assert reproduce.engine(False, None) == ["--cores", str(CORES)]
+    assert reproduce.engine(True, None) == ["--profile", str(reproduce.PROFILE)]
+    assert reproduce.engine(True, 7)[2:] == ["--jobs", "7"]
+    assert (reproduce.PROFILE / "config.yaml").exists()
+    assert planned("--slurm") == planned()  # where it runs is no part of what is run
 
 
 @pytest.mark.slow
