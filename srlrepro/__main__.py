@@ -1,6 +1,7 @@
 """The command line ``python -m srlrepro``: each stage by itself, and the tools around the results."""
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -152,7 +153,8 @@ def main(argv: list[str] | None = None) -> int:
         from srlrepro.files import ResultError
 
         if isinstance(error, (ArithmeticError, LinAlgError, MemoryError)):
-            parser.error(f"these values lead beyond what can be computed: {type(error).__name__}: {error}")
+            given = one_line(shlex.join(sys.argv[1:] if argv is None else argv))
+            parser.error(f"{given}: must be values to compute with ({type(error).__name__}: {error})")
         if not isinstance(error, (ResultError, OSError)):
             raise
         print(f"{parser.prog}: {one_line(error, LONGEST_MESSAGE)}", file=sys.stderr)

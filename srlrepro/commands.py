@@ -5,6 +5,7 @@ Slow imports wait in the functions, so that a wrong command line is refused at o
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -34,7 +35,7 @@ def region(arguments: argparse.Namespace) -> None:
 
     config = _config(arguments)
     _require_tsne(config, "--out", arguments.out)
-    region = learn(_training_data(arguments.data), config, arguments.seed)
+    region = learn(load_training_data(arguments.data), config, arguments.seed)
     region.save(arguments.out)
     print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
 
@@ -43,13 +44,15 @@ def label(arguments: argparse.Namespace) -> None:
     """Print l(x) of one state and how K fares from it."""
     from srlrepro.labels import OUTCOMES, ClosedLoop
 
+    for value in arguments.state:
+        check(math.isfinite(value), "--state", value, "finite numbers (rad, rad/s)")
     rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout(
         [arguments.state], record=False
     )
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 
-def _training_data(path: Path) -> Any:
+def load_training_data(path: Path) -> Any:
     """The training data of a file that may come from elsewhere: labelled states, at least two."""
     import numpy as np
 
@@ -88,7 +91,7 @@ def _hypothesis(arguments: argparse.Namespace, config: Config) -> Any:
         return SafeRegion.load(region)
     if data is None and config.choices.hypothesis not in ORACLES:
         return None
-    return learn(None if data is None else _training_data(data), config, delta=arguments.delta)
+    return learn(None if data is None else load_training_data(data), config, delta=arguments.delta)
 
 
 def train(arguments: argparse.Namespace) -> None:

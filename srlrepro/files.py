@@ -103,7 +103,7 @@ def bounded(path: Path) -> Path:
 
 
 def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
-    """See that the parts of an archive in a file state at most `LARGEST` bytes; zipfile reads no more of them.
+    """See that the parts of an archive state at most `LARGEST` bytes together; zipfile reads no more of them.
 
     Raises:
         ResultError: they state more.
