@@ -152,8 +152,8 @@ class Site:
         ]
         others = {self.pages[page]: headings[page] for page in self.documents if page != INDEX}
         common = {"style": HtmlFormatter().get_style_defs(".highlight"), "documents": others}
-        of_index = {"figures": list(self.figures()), "notebooks": listed}
-        of_index |= {"sections": dict(SECTION.findall(bodies[INDEX]))}
+        sections = dict(SECTION.findall(bodies[INDEX]))
+        of_index = {"figures": list(self.figures()), "notebooks": listed, "sections": sections}
         pages = {}
         for page, body in bodies.items():
             address = self.pages[page]

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 
@@ -47,21 +48,25 @@ def test_stages_lead_back_to_the_training_data(planned: list[Job]) -> None:
     assert rules.index("training_data") < rules.index("embedding") < len(rules) - 1
 
 
+def test_parameters_too_long_for_a_command_line_are_found_in_their_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the Snakefile does for grids of some thousand runs."""
+    (tmp_path / "p.json").write_text('{"RUNS": ["a", "b"]}')
+    listed = (
+        "rule few:\n    input: i, j\n    output: o\n    jobid: 1\nShell command: python -m srlrepro execute "
+    )
+    listed += "n.ipynb e.ipynb --parameters @p.json --results o\n"
+    monkeypatch.setattr(jobs, "ROOT", tmp_path)
+    monkeypatch.setattr(jobs.subprocess, "run", lambda c, **_: CompletedProcess(c, 0, listed, ""))
+    job = Job("few", ["i", "j"], ["o"], "n.ipynb", "e.ipynb", {"RUNS": ["a", "b"]})
+    assert jobs.planned_jobs({"name": "full"}) == [job]
+    monkeypatch.setattr(jobs.subprocess, "run", lambda c, **_: CompletedProcess(c, 0, "nothing", ""))
+    with pytest.raises(ResultError, match="no jobs of full that can be read"):
+        jobs.planned_jobs({"name": "full"})
+
+
 @pytest.mark.slow
-def test_parameters_too_long_for_a_command_line_are_found_in_their_file() -> None:
-    """A grid of so many runs that the Snakefile writes the parameters of its figures to files."""
-    line = ["--seeds", "700", "--quick", "--name", "long", "--alphas", "0", "none", "--deltas", "1.1", "1.5"]
-    try:
-        many = jobs.planned_jobs(plan(make_parser().parse_args(line)))
-    finally:
-        for file in (ROOT / "results" / "long" / "parameters").glob("*.json"):
-            file.unlink()
-        for folder in (ROOT / "results" / "long" / "parameters", ROOT / "results" / "long"):
-            folder.rmdir()
-    learning = next(job for job in many if job.rule == "learning_performance")
-    assert len(learning.parameters["RUNS"]) == 2800
-
-
 def test_a_configuration_that_the_snakefile_refuses() -> None:
     with pytest.raises(ResultError, match="refuses the configuration of full"):
         jobs.planned_jobs({"name": "full"})
