@@ -128,6 +128,8 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
 
 def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
     """Run Snakemake on the configuration; returns its exit status."""
+    from srlrepro.records import keep, table_of
+
     folder = ROOT / "results" / config["name"]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "workflow.json").write_text(json.dumps(config, indent=1, ensure_ascii=False) + "\n")
@@ -169,6 +171,8 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
         shown = ROOT / "figures" / config["name"] / "run_time.json"
         shown.parent.mkdir(parents=True, exist_ok=True)
         shown.write_text(json.dumps(timing, indent=1) + "\n")
+    if worked or (status == 0 and not table_of(config["name"]).exists()):
+        keep(config)
     if status == INTERRUPTED:
         print("reproduce.sh: stopped. Start again to go on.")
     elif status:
