@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from srlrepro.config import Choices, Config, Paper, ParameterError, check, parse_settings
-from srlrepro.plan import Parser, check_name
+from srlrepro.plan import Parser, add_limit, check_limit, check_name
 
 
 def _alpha(text: str) -> float | None:
@@ -78,6 +78,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("output", type=Path)
     sub.add_argument("--parameters", default="{}", metavar="JSON", help="{NAME: value}, or @FILE with them")
     sub.add_argument("--results", type=Path, nargs="*", default=[], help="files that the notebook must write")
+    add_limit(sub)
 
     sub = command(
         "snapshot", _snapshot, "Refresh the outputs that the tests of the source notebooks compare."
@@ -179,7 +180,8 @@ def _execute(arguments: argparse.Namespace) -> None:
     except json.JSONDecodeError as error:
         raise ParameterError(f"--parameters: not JSON: {error}") from None
     results = [path for path in arguments.results if path != arguments.output]
-    execute(arguments.notebook, arguments.output, parameters, results)
+    check_limit(arguments.limit)
+    execute(arguments.notebook, arguments.output, parameters, results, arguments.limit * 3600)
 
 
 def _snapshot(arguments: argparse.Namespace) -> None:

@@ -9,6 +9,7 @@ from srlrepro.config import Config, check, parse_settings
 
 ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
+LIMIT, LIMIT_VARIABLE = 12.0, "SRLREPRO_LIMIT"  # h for one cell: what the longest job on Slurm has
 
 
 class Study(NamedTuple):
@@ -108,8 +109,29 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--slurm", action="store_true", help="run the jobs on a Slurm cluster, as profiles/slurm says"
     )
+    add_limit(parser)
     parser.add_argument("--dry-run", action="store_true", help="say what would be run, and run nothing")
     return parser
+
+
+def add_limit(parser: argparse.ArgumentParser) -> None:
+    """Give a command line the option that ends what hangs; its default is the driver's word to its jobs."""
+    parser.add_argument(
+        "--limit",
+        type=float,
+        default=os.environ.get(LIMIT_VARIABLE, LIMIT),
+        metavar="H",
+        help=f"hours for one cell of a notebook, after which its kernel is ended (default: {LIMIT:g})",
+    )
+
+
+def check_limit(limit: float) -> None:
+    """See that a limit ends something.
+
+    Raises:
+        ParameterError: it does not.
+    """
+    check(0 < limit < float("inf"), "--limit", limit, "a finite number > 0")
 
 
 def check_name(name: str) -> None:
@@ -158,6 +180,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         arguments.cores,
         "a whole number in [1, inf)",
     )
+    check_limit(arguments.limit)
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
     grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
     seeds, longest = arguments.seeds, config.choices.total_steps
