@@ -32,7 +32,12 @@ def end_group(group: int, number: int) -> bool:
 def run(command: list[str]) -> int:
     """Run the command to its end, or to that of the lifeline; returns its exit status."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # which `nohup … &` had ignored; the command inherits it
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        close_fds=False,  # what the starter has given away, its lock, is held by the command as well
+    )
     while process.poll() is None and not select.select([sys.stdin], [], [], POLL)[0]:
         pass
     if process.poll() is None:

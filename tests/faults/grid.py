@@ -1,4 +1,4 @@
-"""A grid of eight jobs in a checkout of its own, the processes that work on it, and what they have made."""
+"""A grid of six jobs in a checkout of its own, the processes that work on it, and what they have made."""
 
 import base64
 import subprocess
@@ -16,7 +16,7 @@ rule all:
         f"{EXECUTED}/06_learning_performance.ipynb",
         f"{EXECUTED}/07_activations_and_failures.ipynb",
 """
-GRID = ["--alphas", "0", "none", "--deltas", "1.1", "4", "--seeds", "1", "--steps", "40960"]
+GRID = ["--alphas", "0", "none", "--deltas", "1.1", "--seeds", "1", "--steps", "20480"]
 SMALL = ["k=150", "random_rollouts=500", "n_steps=256", "n_minibatches=16", "checkpoint_updates=10"]
 OPTIONS = [*GRID, "--set", *SMALL]
 LIMIT = 900.0  # s for a grid, on a machine that does other things as well
@@ -31,9 +31,8 @@ def shorten(checkout: Path) -> None:
 
 def run(checkout: Path, name: str, *options: str) -> subprocess.CompletedProcess[str]:
     """The driver on the grid, to its end."""
-    with start(
-        checkout, "--name", name, *OPTIONS, *options, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as driver:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with start(checkout, "--name", name, *OPTIONS, *options, **pipes) as driver:
         out, err = driver.communicate(timeout=LIMIT)
     return subprocess.CompletedProcess(driver.args, driver.returncode, out, err)
 
@@ -50,7 +49,8 @@ def processes(checkout: Path) -> dict[str, list[psutil.Process]]:
     found: dict[str, list[psutil.Process]] = {kind: [] for kind in [*kinds, "other"]}
     for process in psutil.process_iter():
         try:
-            if process.status() == psutil.STATUS_ZOMBIE or process.environ().get("PYTHONPATH") != str(checkout):
+            zombie = process.status() == psutil.STATUS_ZOMBIE
+            if zombie or process.environ().get("PYTHONPATH") != str(checkout):
                 continue
             words = process.cmdline()[:4]
         except psutil.Error:  # it has ended, or is another user's
@@ -79,7 +79,7 @@ def seconds_until(condition: Callable[[], bool], limit: float) -> float:
 
 
 def finished_runs(checkout: Path, name: str) -> dict[str, tuple[int, int]]:
-    """{run: (inode, time of writing) of its run.json} of all runs that the workflow has taken for finished."""
+    """{run: (inode, time of writing) of its run.json} of all runs that count as finished."""
     marks = (checkout / ".snakemake" / "incomplete").glob("*")
     incomplete = " ".join(base64.urlsafe_b64decode(mark.name).decode() for mark in marks)
     results = (checkout / "results" / name / "runs").glob("*/run.json")
