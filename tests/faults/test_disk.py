@@ -86,7 +86,7 @@ def test_a_folder_that_cannot_be_written_is_told(disk: Path, count: list[bool]) 
 @pytest.mark.slow
 @pytest.mark.parametrize("option", [f"size={SMALL}", "ro"], ids=["full", "read-only"])
 def test_the_driver_tells_of_its_disk(
-    option: str, disk: Path, tmp_path_factory: pytest.TempPathFactory
+    option: str, disk: Path, tmp_path_factory: pytest.TempPathFactory, count: list[bool]
 ) -> None:
     """With its results on that disk: exit status 1 and the reason, and nothing that counts as finished."""
     checkout = copy_sources(tmp_path_factory.mktemp("checkout"))
