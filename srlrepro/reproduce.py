@@ -103,13 +103,10 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
 
 
 def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[str]) -> int:
-    """Run Snakemake on the configuration, with all its jobs ending when this driver does.
+    """Run Snakemake, whose jobs end with this driver, and return its exit status.
 
     Args:
         lock: held until the last job has ended, even if this driver is killed.
-
-    Returns:
-        Snakemake's exit status.
 
     Raises:
         ResultError: a result was damaged.
@@ -133,15 +130,13 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
     environment[LIMIT_VARIABLE] = str(options.limit)
     if options.dry_run:
-        return subprocess.run(
-            [*command, "--dry-run", "--quiet", "rules", "reason"], cwd=ROOT, env=environment
-        ).returncode
+        command += ["--dry-run", "--quiet", "rules", "reason"]
+        return subprocess.run(command, cwd=ROOT, env=environment).returncode
     for name in ("results", "figures", "notebooks/executed"):
         remove_unfinished(ROOT / name)
     require_undamaged([ROOT / "notebooks" / "executed" / config[key] for key in ("name", "cells")], ROOT)
-    subprocess.run(
-        [sys.executable, "-c", "import matplotlib.pyplot"], env=environment, check=True
-    )  # its font cache
+    font_cache = [sys.executable, "-c", "import matplotlib.pyplot"]
+    subprocess.run(font_cache, env=environment, check=True)
     started = time.monotonic()
     with (folder / "snakemake.log").open("w") as log:
         process = subprocess.Popen(

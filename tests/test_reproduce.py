@@ -61,6 +61,8 @@ def test_grids_with_other_seeds_alone_share_their_runs() -> None:
         (["--seeds", "0"], "--seeds = 0"),
         (["--steps", "0"], "--steps = 0"),
         (["--cores", "0"], "--cores = 0"),
+        (["--limit", "0"], "--limit = 0.0"),
+        (["--limit", "inf"], "--limit = inf"),
         (["--set", "p_t=2"], "p_t = 2"),
         (["--set", "colour=red"], "no such parameter"),
         (["--name", "../x"], "--name = ../x"),
