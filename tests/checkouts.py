@@ -12,10 +12,14 @@ ROOT = Path(__file__).parent.parent
 
 
 def copy_sources(folder: Path) -> Path:
-    """Make a checkout in an empty folder; code that is compiled already is taken along."""
+    """Make a checkout in an empty folder; it shares the compiled code of this one."""
     for name in ("srlrepro", "notebooks", "profiles"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("executed"))
+        ignored = shutil.ignore_patterns("executed", "__pycache__")
+        shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     shutil.copy(ROOT / "Snakefile", folder)
+    compiled = ROOT / "srlrepro" / "__pycache__"
+    compiled.mkdir(exist_ok=True)
+    (folder / "srlrepro" / "__pycache__").symlink_to(compiled)
     (folder / ".venv").symlink_to(sys.prefix)
     return folder
 

@@ -18,8 +18,9 @@ print("ready", flush=True)
 time.sleep(999)
 """
 SLEEPER = """
-import os, signal, subprocess, sys, time
-process = subprocess.Popen([sys.executable, "-c", {child!r}])
+import os, signal, subprocess, sys
+process = subprocess.Popen([sys.executable, "-c", {child!r}], stdout=subprocess.PIPE)
+process.stdout.readline()
 print(process.pid, flush=True)
 {last}
 """
@@ -32,10 +33,9 @@ def begin(program: str) -> subprocess.Popen[str]:
 
 
 def child_of(process: subprocess.Popen[str]) -> psutil.Process:
-    """The command's child, which listens by now."""
+    """The command's child, which is ready by now."""
     assert process.stdout is not None
-    lines = {process.stdout.readline().strip() for _ in range(2)}
-    return psutil.Process(int((lines - {"ready"}).pop()))
+    return psutil.Process(int(process.stdout.readline()))
 
 
 def test_a_command_ends_with_its_own_status() -> None:
@@ -55,7 +55,7 @@ def test_who_closes_the_lifeline_ends_all(action: str) -> None:
 
 
 def test_what_a_killed_command_leaves_is_ended() -> None:
-    last = "time.sleep(1); os.kill(os.getpid(), signal.SIGKILL)"
+    last = "os.kill(os.getpid(), signal.SIGKILL)"
     with begin(SLEEPER.format(child=CHILD.format(action="SIG_IGN"), last=last)) as process:
         child = child_of(process)
         assert process.wait(60) == -signal.SIGKILL % 256
