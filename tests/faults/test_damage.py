@@ -14,8 +14,8 @@ import pandas as pd
 import pytest
 from runs import CASES, UPDATE, narrow_region
 
-from srlrepro.checkpoint import restore
-from srlrepro.files import ResultError, sha256, write_arrays, write_json, write_table
+from srlrepro.checkpoint import Progress, restore, save
+from srlrepro.files import ResultError, read_arrays, sha256, write_arrays, write_json, write_table
 from srlrepro.notebooks import require_undamaged
 from srlrepro.safe_region import SafeRegion
 from srlrepro.training import identify, make_env, make_learner
@@ -89,8 +89,6 @@ def test_a_damaged_region_is_noticed(tmp_path: Path, count: list[bool]) -> None:
 
 
 def test_damaged_arrays_are_noticed(tmp_path: Path, count: list[bool]) -> None:
-    from srlrepro.files import read_arrays
-
     x, path = np.random.default_rng(0).normal(size=(200, 6)), tmp_path / "visited.npz"
     write_arrays(path, "test", x=x)
     count += noticed(
@@ -100,9 +98,6 @@ def test_damaged_arrays_are_noticed(tmp_path: Path, count: list[bool]) -> None:
 
 
 def test_a_damaged_checkpoint_is_noticed(tmp_path: Path, count: list[bool]) -> None:
-    """Any exception is notice: the notebook fails, in one line, and its checkpoint is not gone on from."""
-    from srlrepro.checkpoint import Progress, save
-
     case, path = CASES[0], tmp_path / "checkpoint.zip"
     identity = identify(case.run, case.config, None)
     model = make_learner(make_env(case.run, case.config, None), case.config, 3).learn(UPDATE)
