@@ -8,19 +8,34 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numba
+from numba.core.caching import _CacheLocator
+
+from srlrepro import pendulum
+
 ROOT = Path(__file__).parent.parent
 
 
+def _share_compiled(checkout: Path) -> None:
+    """Let a copy use the compiled code of this checkout, which numba names by the folder of the sources."""
+    name = _CacheLocator.get_suitable_cache_subpath
+    kept = Path(numba.config.CACHE_DIR)
+    here = kept / name(pendulum.__file__)
+    package = checkout / "srlrepro"
+    there = package / "__pycache__" / kept.name / name(str(package / "pendulum.py"))
+    here.mkdir(parents=True, exist_ok=True)
+    there.parent.mkdir(parents=True)
+    there.symlink_to(here)
+
+
 def copy_sources(folder: Path) -> Path:
-    """Make a checkout in an empty folder; it shares the compiled code of this one."""
+    """Make a checkout in an empty folder."""
     for name in ("srlrepro", "notebooks", "profiles"):
         ignored = shutil.ignore_patterns("executed", "__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     shutil.copy(ROOT / "Snakefile", folder)
-    compiled = ROOT / "srlrepro" / "__pycache__"
-    compiled.mkdir(exist_ok=True)
-    (folder / "srlrepro" / "__pycache__").symlink_to(compiled)
     (folder / ".venv").symlink_to(sys.prefix)
+    _share_compiled(folder)
     return folder
 
 
