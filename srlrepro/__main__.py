@@ -9,7 +9,7 @@ from typing import Any
 from srlrepro import commands
 from srlrepro.config import ParameterError
 from srlrepro.parameters import LONGEST_MESSAGE, one_line
-from srlrepro.plan import Parser, check_whole
+from srlrepro.plan import Parser, add_limit, check_whole
 
 MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
 
@@ -108,6 +108,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--results", type=_path, nargs="*", default=[], help="files that the notebook must write"
     )
+    add_limit(sub)
 
     sub = command(
         "snapshot", commands.snapshot, "Refresh the outputs that the tests of the source notebooks compare."

@@ -5,6 +5,8 @@ Readers take nothing on trust, as a file may come from elsewhere: they run none 
 than `LARGEST` bytes of it, and raise `ResultError`, one line that names the file and what is wrong with it.
 """
 
+import errno
+import hashlib
 import json
 import os
 import tempfile
@@ -21,6 +23,8 @@ from srlrepro.parameters import LONGEST_MESSAGE, one_line
 
 LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
 NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
+UNFINISHED = "-unfinished-"  # in the names of temporary files
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class ResultError(RuntimeError):
@@ -35,14 +39,16 @@ def beside(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; on success rename it to ``path``.
 
     Raises:
-        ResultError: the folder cannot be made or written, or the path is a folder.
+        ResultError: the folder cannot be made or written, the disk is full, or the path is a folder.
     """
     path = Path(path)
     if path.is_dir():
         raise ResultError(f"cannot write {path}: it is a folder")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}{UNFINISHED}", suffix=path.suffix, dir=path.parent
+        )
     except OSError as error:
         raise ResultError(f"cannot write to {path.parent}: {error.strerror}") from error
     os.close(handle)
@@ -51,8 +57,28 @@ def beside(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise ResultError(f"cannot write {path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the temporary files that killed writers have left anywhere below a folder."""
+    for path in Path(folder).rglob(f".*{UNFINISHED}*"):
+        path.unlink()
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content.
+
+    Raises:
+        ResultError: the file is missing.
+    """
+    with existing(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _umask() -> int:

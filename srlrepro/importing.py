@@ -161,6 +161,8 @@ def bring_in(folder: Path, name: str, root: Path) -> tuple[list[str], dict[str, 
             accepted.append(files)
         except ResultError as error:
             refused[run.name] = str(error)
+    for files in accepted:  # a record tells of results that were made here
+        (root / files["notebook"]).with_suffix(".json").unlink(missing_ok=True)
     for path in (path for files in accepted for path in files.values()):
         with beside(root / path) as temporary:
             copyfile(folder / path, temporary)

@@ -61,6 +61,8 @@ def test_grids_with_other_seeds_alone_share_their_runs() -> None:
         (["--seeds", "0"], "--seeds = 0"),
         (["--steps", "0"], "--steps = 0"),
         (["--cores", "0"], "--cores = 0"),
+        (["--limit", "0"], "--limit = 0.0"),
+        (["--limit", "inf"], "--limit = inf"),
         (["--set", "p_t=2"], "p_t = 2"),
         (["--set", "colour=red"], "no such parameter"),
         (["--name", "../x"], "--name = ../x"),
@@ -91,6 +93,10 @@ def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         pass
 
 
+def test_no_progress_is_told_where_nothing_was_done() -> None:
+    assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
+
+
 def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str]) -> None:
     lines = io.StringIO(
         "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
@@ -99,25 +105,6 @@ def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str
     assert reproduce.follow(lines, log)
     out = capsys.readouterr().out
     assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
-
-
-def test_the_time_of_results_is_that_of_all_sittings(tmp_path: Path) -> None:
-    assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
-    file = tmp_path / "run_time.json"
-    for minutes, total, sittings in ((2.0, 2.0, 1), (0.5, 2.5, 2)):
-        timing = reproduce.add_time(file, minutes, cores=2)
-        assert timing == json.loads(file.read_text())
-        assert (timing["minutes"], timing["sittings"], timing["cores"]) == (total, sittings, 2)
-
-
-def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) -> None:
-    for seed, seconds in enumerate((1800, 3600, 7200)):
-        (tmp_path / f"run_{seed}").mkdir()
-        result = {"run": {"seed": seed}, "provenance": {"seconds": seconds, "peak_memory_mb": 500 + seed}}
-        (tmp_path / f"run_{seed}" / "run.json").write_text(json.dumps(result))
-    assert reproduce.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
-    assert reproduce.spent(tmp_path)["trainings"] == 3
-    assert reproduce.spent(tmp_path / "nowhere", [0])["trainings"] == 0
 
 
 def test_jobs_run_here_or_on_slurm() -> None:
