@@ -98,8 +98,13 @@ def make_parser() -> argparse.ArgumentParser:
 
     command("crate", _crate, "Describe the results as a RO-Crate (ro-crate-metadata.json).")
     command("choices", _choices, "List every parameter with its value, allowed values and reason.")
-    sub = command("readme", _readme, "Render README.md from its template and the results.")
-    sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if README.md is stale")
+    for document in ("readme", "report"):
+        name = f"{document.upper()}.md"
+        sub = command(document, _document, f"Render {name} from its template and the results.")
+        sub.set_defaults(document=document)
+        sub.add_argument(
+            "--check", action="store_true", help=f"write nothing; exit with 1 if {name} is stale"
+        )
     return parser
 
 
@@ -235,13 +240,16 @@ def _choices(arguments: argparse.Namespace) -> None:
             print(f"{f.name} = {f.default}{unit}, in {m['allowed']}: {m['meaning']} ({m[source]})")
 
 
-def _readme(arguments: argparse.Namespace) -> None:
-    from srlrepro.readme import is_stale, write
+def _document(arguments: argparse.Namespace) -> None:
+    from srlrepro import readme, report
 
-    if not arguments.check:
-        write()
-    elif is_stale():
-        sys.exit("README.md is stale: run python -m srlrepro readme")
+    document = {d.command: d for d in (readme.DOCUMENT, report.DOCUMENT)}[arguments.document]
+    if arguments.check:
+        document.check()
+        return
+    if document is readme.DOCUMENT:
+        readme.keep_times()
+    document.write()
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -128,14 +128,14 @@ def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> N
         table.to_csv(temporary, index=False, float_format=None if digits is None else f"%.{digits}g")
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    """Read a CSV table that has at least the given columns.
+def read_table(path: Path, columns: tuple[str, ...], text: tuple[str, ...] = ()) -> pd.DataFrame:
+    """Read a CSV table that has at least the given columns; those in ``text`` are kept as they are written.
 
     Raises:
         ResultError: the file is missing, empty or lacks a column.
     """
     try:
-        table = pd.read_csv(existing(path))
+        table = pd.read_csv(existing(path), dtype=dict.fromkeys(text, str))
     except (pd.errors.EmptyDataError, pd.errors.ParserError, UnicodeDecodeError) as error:
         raise ResultError(f"{path} is truncated or not a table") from error
     lacking = [name for name in columns if name not in table]

@@ -38,7 +38,8 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}\n")
 
 
-RESERVED = ("full", "quick", *STUDIES, *(f"{name}_quick" for name in STUDIES))
+# Names of results that only the grid or study of this name may have; the verdicts rest on seeds_10.
+RESERVED = ("full", "quick", "seeds_10", *STUDIES, *(f"{name}_quick" for name in STUDIES))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -173,10 +174,11 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         size = f"{arguments.study}_quick" if arguments.quick else arguments.study
     default = papers and arguments.seeds == SEEDS
     more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
-    name = arguments.name or (size if default else more if papers else "custom")
+    usual_name = size if default else more if papers else "custom"
+    name = arguments.name or usual_name
     check_name(name)
     check(
-        (default and name == size) or name not in RESERVED,
+        name == usual_name or name not in RESERVED,
         "--name",
         name,
         "another name if the grid or a parameter is varied",

@@ -126,6 +126,24 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
     return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
 
 
+def tell(name: str) -> int:
+    """Render README.md and REPORT.md anew if they tell of these results; returns the exit status."""
+    from srlrepro import readme, report
+    from srlrepro.files import ResultError
+    from srlrepro.verdicts import LONG, THREE
+
+    if name not in (THREE, *LONG):
+        return 0
+    try:
+        for document in (readme.DOCUMENT, report.DOCUMENT):
+            document.write()
+            print(f"Rendered anew from these results: {document.name}")
+    except ResultError as error:
+        print(f"reproduce.sh: the verdict and the report were not rendered: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
 def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
     """Run Snakemake on the configuration; returns its exit status."""
     folder = ROOT / "results" / config["name"]
@@ -178,6 +196,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
         print(
             f"Done in {minutes:.1f} min: figures/{config['name']}/ and notebooks/executed/{config['name']}/"
         )
+        return tell(config["name"])
     return status
 
 

@@ -25,7 +25,11 @@ ROOT = Path(__file__).resolve().parent.parent
 SITE = ROOT / "site"
 TEMPLATE = ROOT / "docs" / "site.html.jinja"
 KEPT = ("full", "seeds_10", "multiverse", "hypotheses")  # results of which the site tells, if they are there
-DOCUMENTS = {"README.md": "index.html", "docs/claims.md": "docs/claims.html"}  # beside the notebooks
+DOCUMENTS = {  # beside the notebooks
+    "README.md": "index.html",
+    "REPORT.md": "REPORT.html",
+    "docs/claims.md": "docs/claims.html",
+}
 HEADING = re.compile(r"<h1[^>]*>(.*?)</h1>")
 
 
