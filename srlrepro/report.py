@@ -3,16 +3,17 @@
 A long run that is not there leaves its section empty (None), and the template then says so.
 """
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from srlrepro import claims, multiverse
+from srlrepro import claims, multiverse, readme
 from srlrepro.config import Choices, Paper
 from srlrepro.documents import FIGURES, TEMPLATES, Document
 from srlrepro.files import read_json, read_table
 from srlrepro.theorem import POOLED, SMALLEST
-from srlrepro.verdicts import THREE, is_there, judged, resting, rows
+from srlrepro.verdicts import LONG, THREE, is_there, judged, resting, rows
 
 COMPUTING, ROUNDING = TEMPLATES / "computing.csv", TEMPLATES / "rounding.csv"
 EFFECT_LEVEL = 0.05  # of q, the corrected p of a main effect: that of 14_multiverse
@@ -214,3 +215,14 @@ def context(figures: Path = FIGURES) -> dict[str, Any]:
 
 
 DOCUMENT = Document("REPORT.md", "report", context)
+
+
+def refresh(name: str) -> Iterator[str]:
+    """Render README.md and REPORT.md, if they tell of the results of this name; yields what was rendered.
+
+    Raises:
+        ResultError: a table of the results is missing.
+    """
+    for document in (readme.DOCUMENT, DOCUMENT) if name in (THREE, *LONG) else ():
+        document.write()
+        yield document.name

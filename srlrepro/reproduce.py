@@ -127,19 +127,15 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
 
 
 def tell(name: str) -> int:
-    """Render README.md and REPORT.md anew if they tell of these results; returns the exit status."""
-    from srlrepro import readme, report
+    """Render the documents that tell of these results; returns the exit status."""
     from srlrepro.files import ResultError
-    from srlrepro.verdicts import LONG, THREE
+    from srlrepro.report import refresh
 
-    if name not in (THREE, *LONG):
-        return 0
     try:
-        for document in (readme.DOCUMENT, report.DOCUMENT):
-            document.write()
-            print(f"Rendered anew from these results: {document.name}")
+        for document in refresh(name):
+            print(f"Rendered anew: {document}")
     except ResultError as error:
-        print(f"reproduce.sh: the verdict and the report were not rendered: {error}", file=sys.stderr)
+        print(f"reproduce.sh: verdict and report are not up to date: {error}", file=sys.stderr)
         return 1
     return 0
 
@@ -193,10 +189,9 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
         log_name = f"results/{config['name']}/snakemake.log"
         print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log_name} says which. Start again to go on.")
     else:
-        print(
-            f"Done in {minutes:.1f} min: figures/{config['name']}/ and notebooks/executed/{config['name']}/"
-        )
-        return tell(config["name"])
+        name = config["name"]
+        print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
+        return tell(name)
     return status
 
 
