@@ -83,7 +83,8 @@ def _multiverse(folder: Path) -> dict[str, Any]:
         row["low"], row["high"] = own.loc[multiverse.RANDOM, ["low", "high"]]
         row["decided"] = decided[multiverse.RANDOM]
         row["deciding"] = effects.loc[effects["claim"] == claim.id, "choice"].tolist()
-        row["flipping"] = list(dict.fromkeys(flips.loc[flips["claim"] == claim.id, "choice"]))
+        flipping = set(flips.loc[flips["claim"] == claim.id, "choice"])
+        row |= {"chance": bool(flipping & set(DRAWS)), "flipping": sorted(flipping - set(DRAWS))}
         rows.append(row)
     nearest = rates.head(NEAREST)
     differs = [
@@ -100,7 +101,6 @@ def _multiverse(folder: Path) -> dict[str, Any]:
         "rates_decided_by": {
             r: effects.loc[effects["claim"] == r, "choice"].tolist() for r in multiverse.RATES
         },
-        "chance": sorted(set(flips.loc[flips["choice"].isin(DRAWS), "claim"])),
         "hits": int((rates["margin"] >= 0).sum()),
         "rated": len(rates),
         "nearest": nearest.assign(differs=differs).to_dict("records"),
