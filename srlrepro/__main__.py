@@ -135,8 +135,13 @@ def make_parser() -> argparse.ArgumentParser:
     command(
         "choices", commands.list_choices, "List every parameter with its value, allowed values and reason."
     )
-    sub = command("readme", commands.readme, "Render README.md from its template and the results.")
-    sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if README.md is stale")
+    for document in ("readme", "report"):
+        name = f"{document.upper()}.md"
+        sub = command(document, commands.render, f"Render {name} from its template and the results.")
+        sub.set_defaults(document=document)
+        sub.add_argument(
+            "--check", action="store_true", help=f"write nothing; exit with 1 if {name} is stale"
+        )
     return parser
 
 

@@ -194,11 +194,14 @@ def list_choices(arguments: argparse.Namespace) -> None:
             print(f"{f.name} = {f.default}{unit}, in {m['allowed']}: {m['meaning']} ({m[source]})")
 
 
-def readme(arguments: argparse.Namespace) -> None:
-    """Render README.md, or leave with 1 if it is stale."""
-    from srlrepro.readme import is_stale, write
+def render(arguments: argparse.Namespace) -> None:
+    """Render README.md or REPORT.md from its template and the results."""
+    from srlrepro import readme, report
 
-    if not arguments.check:
-        write()
-    elif is_stale():
-        sys.exit("README.md is stale: run python -m srlrepro readme")
+    document = {d.command: d for d in (readme.DOCUMENT, report.DOCUMENT)}[arguments.document]
+    if arguments.check:
+        document.check()
+        return
+    if document is readme.DOCUMENT:
+        readme.keep_times()
+    document.write()

@@ -231,15 +231,18 @@ def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> N
         table.to_csv(temporary, index=False, float_format=None if digits is None else f"%.{digits}g")
 
 
-def read_table(path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = ()) -> pd.DataFrame:
-    """Read a CSV table that has at least the given columns, some of which may hold numbers alone.
+def read_table(
+    path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = (), text: tuple[str, ...] = ()
+) -> pd.DataFrame:
+    """Read a CSV table that has at least the given columns: those in ``numbers`` may hold numbers alone,
+    those in ``text`` are kept as they are written.
 
     Raises:
         ResultError: the file is missing, too large, empty, lacks a column, or a column of ``numbers`` holds
             something else.
     """
     try:
-        table = pd.read_csv(bounded(path))
+        table = pd.read_csv(bounded(path), dtype=dict.fromkeys(text, str))
     except (ValueError, OverflowError) as error:  # pandas' own errors and those of the encoding are of these
         raise ResultError(f"{path} is truncated or not a table") from error
     lacking = [name for name in columns if name not in table]

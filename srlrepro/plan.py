@@ -43,6 +43,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {one_line(message, LONGEST_MESSAGE)}\n")
 
 
+# Names of results that only the grid or study of this name may have; so has seeds_N, as verdicts rest on it.
 RESERVED = ("full", "quick", *STUDIES, *(f"{name}_quick" for name in STUDIES))
 
 

@@ -102,6 +102,20 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
     return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
 
 
+def tell(name: str) -> int:
+    """Render the documents that tell of these results; returns the exit status."""
+    from srlrepro.files import ResultError
+    from srlrepro.report import refresh
+
+    try:
+        for document in refresh(name):
+            print(f"Rendered anew: {document}")
+    except ResultError as error:
+        print(f"reproduce.sh: verdict and report are not up to date: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
 def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[str]) -> int:
     """Run Snakemake, whose jobs end with this driver, and return its exit status.
 
@@ -180,9 +194,9 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
         log_name = f"results/{config['name']}/snakemake.log"
         print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log_name} says which. Start again to go on.")
     else:
-        print(
-            f"Done in {minutes:.1f} min: figures/{config['name']}/ and notebooks/executed/{config['name']}/"
-        )
+        name = config["name"]
+        print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
+        return tell(name)
     return status
 
 

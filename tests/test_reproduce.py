@@ -12,6 +12,7 @@ import pytest
 
 from srlrepro import reproduce
 from srlrepro.config import Choices, ParameterError
+from srlrepro.files import ResultError
 from srlrepro.plan import CORES, STUDIES, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
@@ -39,6 +40,25 @@ def test_a_varied_grid_never_replaces_the_papers() -> None:
     assert planned("--quick", "--set", "k=500", "--name", "k500")["name"] == "k500"
     with pytest.raises(ParameterError, match="another name"):
         planned("--seeds", "10", "--name", "full")
+
+
+def test_the_verdicts_larger_set_is_the_papers_grid() -> None:
+    assert planned("--seeds", "10", "--name", "seeds_10")["cells"] == "full"
+    for other in (["--alphas", "0"], ["--steps", "4096"], ["--seeds", "5"], ["--quick", "--seeds", "10"]):
+        with pytest.raises(ParameterError, match="another name"):
+            planned(*other, "--name", "seeds_10")
+
+
+def test_documents_that_cannot_be_rendered_fail_the_run_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(name: str) -> None:
+        raise ResultError(f"missing result {name}")
+
+    assert reproduce.tell("quick") == 0 and capsys.readouterr().out == ""
+    monkeypatch.setattr("srlrepro.report.refresh", missing)
+    assert reproduce.tell("full") == 1
+    assert capsys.readouterr().err.endswith("missing result full\n")
 
 
 def test_grids_with_other_seeds_alone_share_their_runs() -> None:

@@ -70,6 +70,7 @@ def checkout(tmp_path: Path) -> Path:
     (root / "README.md").write_text(
         "# All\n\n[b](#the-b) [a](notebooks/executed/full/01_a.ipynb)\n\n## The *b*\n"
     )
+    (root / "REPORT.md").write_text("# Report\n\n[all](README.md#the-b)\n")
     (root / "docs" / "claims.md").write_text("# Claims\n\n[all](../README.md#the-b)\n")
     return root
 
