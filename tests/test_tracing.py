@@ -51,9 +51,9 @@ def test_parameters_are_read_without_running_anything(tmp_path: Path) -> None:
         "B": {},
         "C": -0.5,
     }
-    with pytest.raises(ValueError, match="malformed"):
+    with pytest.raises(ResultError, match="or its cell tagged 'injected-parameters' computes"):
         tracing.recorded_parameters(notebook("A = open('x', 'w')", tracing.INJECTED))
-    with pytest.raises(ResultError, match="not executed"):
+    with pytest.raises(ResultError, match="0 cells tagged"):
         tracing.recorded_parameters(notebook(source, "parameters"))
 
 
