@@ -227,6 +227,8 @@ COMMANDS: list[tuple[list[str], list[str]]] = [  # a command line without the op
     ([], ["COMMAND"]),
 ]
 FILES = (
+    "FIGURE",
+    "MEASURES",
     "--data",
     "--region",
     "NOTEBOOK x.ipynb",
@@ -260,7 +262,7 @@ def test_every_subcommand(place: Path, record_property: Callable[[str, object], 
         name, equals, text = value.partition("=")
         names = (option.split()[0].lstrip("-"), "arguments", "region", *([one_line(name)] if equals else []))
         needs_region = line[:1] == ["train"] and option == "--alpha"  # which the line then names
-        shown = "" if needs_region else text if equals else value
+        shown = "" if needs_region else (text if equals else value).removeprefix("@")
         tally.run(lambda: main(arguments), names, shown, option in FILES)
 
     one()
