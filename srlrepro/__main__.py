@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,14 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command; wrong use gives one line and 2, a missing or broken result one line and 1."""
     parser = make_parser()
     arguments = parser.parse_args(argv)
+    with warnings.catch_warnings(record=True) as noted:  # of numbers that a refusal is about: it is one line
+        status = _run(parser, arguments, shlex.join(sys.argv[1:] if argv is None else argv))
+    for warning in noted:
+        warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
+    return status
+
+
+def _run(parser: argparse.ArgumentParser, arguments: argparse.Namespace, given: str) -> int:
     try:
         arguments.function(arguments)
     except ParameterError as error:
@@ -159,8 +168,8 @@ def main(argv: list[str] | None = None) -> int:
         from srlrepro.files import ResultError
 
         if isinstance(error, (ArithmeticError, LinAlgError, MemoryError)):
-            given = one_line(shlex.join(sys.argv[1:] if argv is None else argv))
-            parser.error(f"{given}: must be values to compute with ({type(error).__name__}: {error})")
+            reason = f"{type(error).__name__}: {error}"
+            parser.error(f"{one_line(given)}: must be values to compute with ({reason})")
         if not isinstance(error, (ResultError, OSError)):
             raise
         print(f"{parser.prog}: {one_line(error, LONGEST_MESSAGE)}", file=sys.stderr)

@@ -279,8 +279,12 @@ def test_whatever_region_is_read_can_be_asked(small: Learned, tmp_path: Path) ->
     for name in ("array_x_train", "array_y_train", "array_gamma"):
         for change in (np.asfortranarray, lambda v: v.astype(np.float32), lambda v: v > 0):
             files.write_arrays(path, FORMAT, **{**stored, name: change(stored[name])})
-            found = SafeRegion.load(path).safety(np.zeros((1, 6)))
-            assert found.shape == expected.shape and 0 <= found[0] < 1
+            try:
+                found = SafeRegion.load(path).safety(np.zeros((1, 6)))
+            except ResultError:  # a Γ of 0 and 1
+                assert name == "array_gamma"
+            else:
+                assert found.shape == expected.shape and 0 <= found[0] < 1
 
 
 def code(path: Path) -> Iterator[ast.AST]:
