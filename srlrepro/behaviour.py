@@ -1,5 +1,7 @@
 """Trials to look at: what π does, where the supervisor steps in, and how K fares."""
 
+import io
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +18,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from srlrepro.drawing import LINK, TARGET, draw_pendulum
 from srlrepro.env import ThreeLinkCircleEnv, target
-from srlrepro.files import beside
+from srlrepro.files import ResultError, beside, bounded_archive, check_unpacked
 from srlrepro.pendulum import Floats
 from srlrepro.supervisor import Supervisor
 
@@ -43,6 +45,29 @@ class Trial:
     total: float
     steps: int
     outcome: str
+
+
+def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
+    """The learner, with the parameters of the policy that the archive of a run holds.
+
+    stable-baselines3's own ``load`` unpickles, and a pickle can run any code. Only the tensors are read
+    here, by torch's reader of plain weights.
+
+    Raises:
+        ResultError: the archive is missing, too large, damaged, or of another kind of policy.
+    """
+    bounded_archive(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for part in (name for name in archive.namelist() if name.endswith(".pth")):
+                with zipfile.ZipFile(io.BytesIO(archive.read(part))) as tensors:
+                    check_unpacked(tensors, path)
+        learner.set_parameters(str(path), device="cpu")
+    except ResultError:
+        raise
+    except Exception as error:  # torch raises a dozen kinds
+        raise ResultError(f"{path} is truncated or holds no such policy") from error
+    return learner
 
 
 def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool) -> Trial:

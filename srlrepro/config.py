@@ -10,7 +10,7 @@ from typing import Any
 
 from srlrepro.choices import Choices
 from srlrepro.paper import Paper
-from srlrepro.parameters import ParameterError, check
+from srlrepro.parameters import ParameterError, check, one_line
 
 __all__ = [
     "Choices",
@@ -19,6 +19,7 @@ __all__ = [
     "ParameterError",
     "check",
     "condition",
+    "one_line",
     "parse_settings",
     "parse_value",
 ]
@@ -31,7 +32,7 @@ class Config:
     paper: Paper = Paper()
     choices: Choices = Choices()
 
-    def with_values(self, **values: Any) -> "Config":
+    def with_values(self, /, **values: Any) -> "Config":
         """A configuration with some fields of either class replaced.
 
         Raises:
@@ -72,7 +73,7 @@ def parse_value(name: str, text: str) -> Any:
         return types[name](text)  # type: ignore[operator]
     except ValueError:
         raise ParameterError(
-            f"{name} = {text}: must be a {'whole ' if types[name] is int else ''}number"
+            f"{name} = {one_line(text)}: must be a {'whole ' if types[name] is int else ''}number"
         ) from None
 
 
@@ -80,12 +81,14 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
     """{name: value} of texts such as ``k=500``.
 
     Raises:
-        ParameterError: a text without ``=``, an unknown name, or a value that is not allowed.
+        ParameterError: a text without ``=``, an unknown name, a name given twice, or a value that is not
+            allowed.
     """
-    values = {}
+    values: dict[str, Any] = {}
     for setting in settings:
         name, equals, text = setting.partition("=")
         check(equals == "=", "--set", setting, "of the form NAME=VALUE")
+        check(name not in values, "--set", setting, f"the only value of {one_line(name)}")
         values[name] = parse_value(name, text)
     Config().with_values(**values)
     return values

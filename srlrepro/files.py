@@ -1,7 +1,8 @@
 """Results on disk: written beside and renamed, read with checks, never a pickle.
 
 A file is either whole or absent: writers fill a temporary file in the same folder and rename it.
-Readers raise `ResultError`, one line that names the file and what is wrong with it.
+Readers take nothing on trust, as a file may come from elsewhere: they run none of its content, read no more
+than `LARGEST` bytes of it, and raise `ResultError`, one line that names the file and what is wrong with it.
 """
 
 import errno
@@ -10,7 +11,6 @@ import json
 import os
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,12 +19,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from srlrepro.parameters import LONGEST_MESSAGE, one_line
+
 UNFINISHED = "-unfinished-"  # in the names of temporary files
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
+NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
 
 
 class ResultError(RuntimeError):
     """A result is missing, truncated, foreign or cannot be written; the message is one line."""
+
+    def __init__(self, message: object) -> None:
+        super().__init__(one_line(message, LONGEST_MESSAGE))
 
 
 @contextmanager
@@ -65,12 +72,8 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file's content.
-
-    Raises:
-        ResultError: the file is missing.
-    """
-    with existing(path).open("rb") as file:
+    """SHA-256 of the content of a file that exists."""
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -100,8 +103,51 @@ def existing(path: Path) -> Path:
     Raises:
         ResultError: there is none.
     """
-    if not Path(path).is_file():
+    try:
+        found = Path(path).is_file()
+    except OSError as error:
+        raise ResultError(f"cannot read {path}: {error.strerror}") from error
+    if not found:
         raise ResultError(f"missing result {path}: run the stage that makes it first")
+    return Path(path)
+
+
+def bounded(path: Path) -> Path:
+    """``path``, if there is such a file, of at most `LARGEST` bytes.
+
+    Raises:
+        ResultError: there is none, or it is larger.
+    """
+    size = existing(path).stat().st_size
+    if size > LARGEST:
+        raise ResultError(f"{path} has {size} bytes, more than {LARGEST}")
+    return Path(path)
+
+
+def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
+    """See that the parts of an archive state at most `LARGEST` bytes together; zipfile reads no more of them.
+
+    Raises:
+        ResultError: they state more.
+    """
+    unpacked = sum(part.file_size for part in archive.infolist())
+    if unpacked > LARGEST:
+        raise ResultError(f"{path} unpacks to {unpacked} bytes, more than {LARGEST}")
+
+
+def bounded_archive(path: Path, kind: str = "zip archive") -> Path:
+    """``path``, if there is such an archive, whose parts unpack to at most `LARGEST` bytes together.
+
+    Raises:
+        ResultError: there is none, it is damaged, or it is larger.
+    """
+    try:
+        with zipfile.ZipFile(bounded(path)) as archive:
+            check_unpacked(archive, path)
+    except ResultError:
+        raise
+    except Exception as error:  # zipfile raises more than it documents
+        raise ResultError(f"{path} is truncated or not a {kind}") from error
     return Path(path)
 
 
@@ -115,20 +161,23 @@ def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]
     """Read the named arrays of an npz file of the given kind; pickled content is refused.
 
     Raises:
-        ResultError: the file is missing, truncated, or not of this kind.
+        ResultError: the file is missing, too large, truncated, not of this kind, or an array holds neither
+            numbers that the compiled code takes nor text.
     """
-    existing(path)
+    bounded_archive(path, f"{kind} file")
     try:
         with np.load(path, allow_pickle=False) as archive:
             if "format" not in archive or str(archive["format"]) != kind:
                 raise ResultError(f"{path} is not a {kind} file")
-            return {name: archive[name] for name in names}
+            arrays = {name: archive[name] for name in names}
     except ResultError:
         raise
-    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, EOFError, OSError) as error:
+    except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
         raise ResultError(f"{path} is truncated or not a {kind} file") from error
-    except (TypeError, RuntimeError) as error:  # a single array; a damaged header of the archive
-        raise ResultError(f"{path} is truncated or not a {kind} file") from error
+    for name, array in arrays.items():
+        if not array.dtype.isnative or (array.dtype.char not in NUMBERS and array.dtype.kind != "U"):
+            raise ResultError(f"{path}: {name} holds {one_line(array.dtype)}, not plain numbers or text")
+    return arrays
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -137,16 +186,39 @@ def write_json(path: Path, value: Any) -> None:
         temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a name stands twice in a table")
+    return values
+
+
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def parse_json(text: str) -> Any:
+    """The value of a JSON text, without the names given twice, NaN and infinity that Python takes.
+
+    Raises:
+        ValueError: the text is not JSON, or nested too deeply to be read.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
 def read_json(path: Path) -> Any:
     """Read a JSON file.
 
     Raises:
-        ResultError: the file is missing or not JSON.
+        ResultError: the file is missing, too large or not JSON (`parse_json`).
     """
     try:
-        return json.loads(existing(path).read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ResultError(f"{path} is truncated or not JSON") from error
+        return parse_json(bounded(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ResultError(f"{path} is truncated or not JSON: {one_line(error)}") from error
 
 
 def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> None:
@@ -155,17 +227,21 @@ def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> N
         table.to_csv(temporary, index=False, float_format=None if digits is None else f"%.{digits}g")
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    """Read a CSV table that has at least the given columns.
+def read_table(path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = ()) -> pd.DataFrame:
+    """Read a CSV table that has at least the given columns, some of which may hold numbers alone.
 
     Raises:
-        ResultError: the file is missing, empty or lacks a column.
+        ResultError: the file is missing, too large, empty, lacks a column, or a column of ``numbers`` holds
+            something else.
     """
     try:
-        table = pd.read_csv(existing(path))
-    except (pd.errors.EmptyDataError, pd.errors.ParserError, UnicodeDecodeError) as error:
+        table = pd.read_csv(bounded(path))
+    except (ValueError, OverflowError) as error:  # pandas' own errors and those of the encoding are of these
         raise ResultError(f"{path} is truncated or not a table") from error
     lacking = [name for name in columns if name not in table]
     if lacking:
         raise ResultError(f"{path} lacks the columns {', '.join(lacking)}")
+    words = [name for name in numbers if len(table) and table[name].dtype.kind not in "biuf"]
+    if words:
+        raise ResultError(f"{path} holds no numbers in the columns {', '.join(words)}")
     return table

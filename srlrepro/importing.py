@@ -10,7 +10,6 @@ import json
 import platform
 import subprocess
 import sys
-import zipfile
 from collections.abc import Iterator
 from importlib.metadata import version
 from itertools import product
@@ -20,14 +19,23 @@ from typing import Any
 
 from srlrepro.claims import MEASURE_COLUMNS
 from srlrepro.config import Config
-from srlrepro.files import ResultError, beside, existing, read_arrays, read_json, read_table
+from srlrepro.files import (
+    ResultError,
+    beside,
+    bounded,
+    bounded_archive,
+    existing,
+    read_arrays,
+    read_json,
+    read_table,
+)
 from srlrepro.hypotheses import read
+from srlrepro.plan import check_workflow
 from srlrepro.provenance import PACKAGES, code_hash
 from srlrepro.recording import TRIAL_COLUMNS, count
 from srlrepro.training import VISITED_FORMAT, Run, identify
 
 NOTEBOOK = "05_training_run"
-LARGEST = 64 * 2**20  # bytes of one file, and of the unpacked states: twenty times what a full run has
 AT_ONCE = 500  # runs that one command of Snakemake names: a command line has an end
 
 
@@ -79,18 +87,9 @@ def difference(wanted: Any, found: Any, name: str = "") -> str:
 
 def _check_sizes(folder: Path, files: dict[str, str]) -> None:
     for name in files.values():
-        path = existing(folder / name)
-        if not path.resolve().is_relative_to(folder.resolve()):
+        if not bounded(folder / name).resolve().is_relative_to(folder.resolve()):
             raise ResultError(f"{name} is a link that leads out of the folder")
-        if path.stat().st_size > LARGEST:
-            raise ResultError(f"{name} has {path.stat().st_size} bytes, more than {LARGEST}")
-    try:
-        for name in ("visited.npz", "policy"):
-            unpacked = sum(part.file_size for part in zipfile.ZipFile(folder / files[name]).infolist())
-            if unpacked > LARGEST:
-                raise ResultError(f"{files[name]} unpacks to {unpacked} bytes, more than {LARGEST}")
-    except zipfile.BadZipFile as error:
-        raise ResultError(f"{files[name]} is truncated or not an archive") from error
+    bounded_archive(folder / files["policy"])
 
 
 def _sources(notebook: Path) -> list[str]:
@@ -122,12 +121,14 @@ def validate(folder: Path, files: dict[str, str], wanted: dict[str, Any], notebo
     result = read_json(folder / files["run"])
     if differs := difference(wanted, result):
         raise ResultError(differs)
-    trials = read_table(folder / files["trials.csv"], TRIAL_COLUMNS)
+    trials = read_table(folder / files["trials.csv"], TRIAL_COLUMNS, numbers=("step", "length", "return"))
     if differs := difference({"counts": count(trials)}, result):
         raise ResultError(f"trials.csv belongs to another run: {differs}")
-    read_table(folder / files["curve.csv"], ("step", "mean_return"))
-    read_arrays(folder / files["visited.npz"], VISITED_FORMAT, ("x",))
-    read_table(folder / files["measures"], MEASURE_COLUMNS)
+    read_table(folder / files["curve.csv"], columns := ("step", "mean_return"), numbers=columns)
+    visited = read_arrays(folder / files["visited.npz"], VISITED_FORMAT, ("x",))["x"]
+    if visited.ndim != 2 or visited.shape[1] != 6 or visited.dtype.kind != "f":
+        raise ResultError(f"{files['visited.npz']} holds no states [N, 6]")
+    read_table(folder / files["measures"], MEASURE_COLUMNS, numbers=("delta", "seed", "value"))
     if _sources(folder / files["notebook"]) != _sources(notebook):
         raise ResultError(f"{files['notebook']} was executed from another {notebook.name}")
 
@@ -145,8 +146,9 @@ def bring_in(folder: Path, name: str, root: Path) -> tuple[list[str], dict[str, 
 
     Raises:
         ResultError: the results have no ``workflow.json``.
+        ParameterError: it holds a value that is not allowed.
     """
-    workflow = read_json(root / "results" / name / "workflow.json")
+    workflow = check_workflow(read_json(root / "results" / name / "workflow.json"))
     config = Config().with_values(**workflow["settings"])
     accepted, refused = [], {}
     for run, region in cells(workflow):

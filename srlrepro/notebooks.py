@@ -5,6 +5,8 @@ output is written beside and renamed, and a notebook counts as executed only if 
 code cell ran, and every result file that the notebook promises is new.
 """
 
+import ast
+import json
 import logging
 import math
 import os
@@ -17,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from srlrepro.config import check
+from srlrepro.config import Config, ParameterError, check, one_line
 from srlrepro.files import ResultError, beside, existing, read_json, require_writable, sha256, write_json
 from srlrepro.provenance import EVERYTHING, provenance
 
@@ -26,42 +28,82 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 # a None makes the import fail, and the validator goes on without.
 sys.modules.setdefault("rfc3987_syntax", cast(ModuleType, None))
 
+SETTINGS = "SETTINGS"
+NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
 WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
 
 
-def parameters_of(notebook: Path) -> dict[str, Any]:
-    """{name: default} of the notebook's cell tagged ``parameters``.
+def parameters_of(notebook: Path, tag: str = "parameters") -> dict[str, Any]:
+    """{name: value} that the notebook's one cell with a tag assigns; read, not executed.
 
     Raises:
-        ResultError: no such notebook, or not exactly one such cell.
+        ResultError: no such notebook, not exactly one such cell, or one that assigns more than plain values.
     """
-    import nbformat
-
-    cells = nbformat.read(existing(notebook), as_version=4).cells
-    tagged = [cell for cell in cells if "parameters" in cell.metadata.get("tags", [])]
-    if len(tagged) != 1:
-        raise ResultError(f"{notebook} has {len(tagged)} cells tagged 'parameters' instead of one")
-    values: dict[str, Any] = {}
-    exec(tagged[0].source, {}, values)
+    found = read_json(notebook)
+    try:
+        sources = [
+            "".join(cell["source"]) for cell in found["cells"] if tag in cell["metadata"].get("tags", [])
+        ]
+        assigned = [node for node in ast.parse("\n".join(sources)).body if isinstance(node, ast.Assign)]
+        values = {ast.unparse(node.targets[0]): ast.literal_eval(node.value) for node in assigned}
+    except (
+        LookupError,
+        TypeError,
+        AttributeError,
+        ValueError,
+        SyntaxError,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        raise ResultError(f"{notebook} is not a notebook, or its cell tagged {tag!r} computes") from error
+    if len(sources) != 1:
+        raise ResultError(f"{notebook} has {len(sources)} cells tagged {tag!r} instead of one")
     return values
 
 
-def check_parameters(notebook: Path, given: dict[str, Any]) -> None:
+def _fits(value: Any, default: Any) -> bool:
+    """Whether a value has the type of a default, and the parts of a list that of the default's first part."""
+    if isinstance(default, list):
+        return isinstance(value, list) and all(_fits(part, first) for part in value for first in default[:1])
+    kinds = (int, float) if isinstance(default, float) else type(default)
+    return isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
+
+
+def _texts(value: Any) -> list[Any]:
+    """A value, or what a list or a table holds."""
+    return list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]
+
+
+def check_parameters(notebook: Path, given: Any) -> None:
     """See that every given parameter is one of the notebook's and has the type of its default.
 
+    Those that set the configuration (`SETTINGS`) are tried on it; those that name a folder (`NAMES`), or
+    several, must not lead out of it.
+
     Raises:
-        ParameterError: an unknown name or another type.
+        ParameterError: no table, an unknown name, another type, or a value that is not allowed.
     """
     defaults = parameters_of(notebook)
+    check(isinstance(given, dict), "--parameters", given, "a table {NAME: value}")
+    try:
+        json.dumps(given, ensure_ascii=False, allow_nan=False).encode()
+    except ValueError as error:  # half a surrogate pair, or a number that is none
+        raise ParameterError(f"--parameters = {one_line(given)}: must be JSON in UTF-8 ({error})") from None
     for name, value in given.items():
         check(
             name in defaults, name, value, f"one of the parameters of {notebook.name}: {', '.join(defaults)}"
         )
-        default = defaults[name]
-        kinds = (int, float) if isinstance(default, float) else type(default)
-        fits = isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
-        check(fits, name, repr(value), f"a {type(default).__name__}, as in {notebook.name}")
+        kind = f"a {type(defaults[name]).__name__} such as {one_line(repr(defaults[name]))}"
+        check(_fits(value, defaults[name]), name, repr(value), f"{kind}, as in {notebook.name}")
+        if name == SETTINGS:
+            Config().with_values(**value)
+        if name in NAMES:
+            for folder in _texts(value):
+                inside = (
+                    isinstance(folder, str) and folder not in ("", ".", "..") and not set(folder) & {*"/\0"}
+                )
+                check(inside, name, folder, "the name of a folder, without /")
 
 
 def execute(
@@ -74,7 +116,7 @@ def execute(
     """Execute a notebook in its own folder and write the executed copy, and beside it (.json) what made it.
 
     Args:
-        notebook, output: the source and the executed notebook.
+        notebook, output: the source and the executed notebook (.ipynb), which is another file.
         parameters: values for the cell tagged ``parameters``; paths among them relative to the notebook.
         results: files that the notebook writes; each must be new.
         limit: s for one cell, after which its kernel is killed; None: it may take for ever.
@@ -90,6 +132,8 @@ def execute(
 
     logging.getLogger("papermill").setLevel(logging.WARNING)
     check_parameters(notebook, parameters)
+    other = output.suffix == ".ipynb" and output.resolve() != notebook.resolve()
+    check(other, "output", output, "another file than the notebook, with the suffix .ipynb")
     require_writable(output.parent)
     results, record = list(results), output.with_suffix(".json")
     record.unlink(missing_ok=True)

@@ -8,15 +8,31 @@ import math
 from dataclasses import field, fields
 from typing import Any
 
+LONGEST, LONGEST_MESSAGE = 200, 2000  # characters of a value that a message repeats, and of a message
+LARGEST_WHOLE = 2**53  # up to here floating-point numbers tell whole numbers apart
+
+
+def one_line(value: object, longest: int = LONGEST) -> str:
+    """A value or a message as one line: what cannot be printed is escaped, what is too long is cut."""
+    try:
+        text = str(value)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        text = "a whole number of thousands of digits"
+    cut = text[:longest] + ("…" if len(text) > longest else "")
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in cut)
+
 
 class ParameterError(ValueError):
     """A parameter has a value that is not allowed; the message is one line."""
+
+    def __init__(self, message: object) -> None:
+        super().__init__(one_line(message, LONGEST_MESSAGE))
 
 
 def check(ok: bool, name: str, value: object, allowed: str) -> None:
     """Raise `ParameterError` naming the parameter, its value and what is allowed, unless ``ok``."""
     if not ok:
-        raise ParameterError(f"{name} = {value}: must be {allowed}")
+        raise ParameterError(f"{one_line(name)} = {one_line(value)}: must be {allowed}")
 
 
 def stated(default: Any, allowed: str, unit: str, meaning: str, place: str) -> Any:
@@ -45,6 +61,8 @@ def check_fields(values: Any) -> None:
         whole = f.type is int
         kind = "a whole number in" if whole else "a number in"
         numeric = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
+        if numeric and isinstance(value, int):
+            check(abs(value) <= LARGEST_WHOLE, f.name, value, f"{kind} {allowed}, at most {LARGEST_WHOLE}")
         low, high = (float(bound) for bound in allowed[1:-1].split(","))
         ok = (
             numeric

@@ -1,15 +1,19 @@
 """The command line of ``reproduce.sh``, and the workflow's configuration that follows from it."""
 
 import argparse
+import math
 import os
 import re
 from typing import Any, NamedTuple, NoReturn
 
-from srlrepro.config import Config, check, parse_settings
+from srlrepro.config import Config, check, condition, parse_settings
+from srlrepro.limit import add_limit
+from srlrepro.parameters import LARGEST_WHOLE, LONGEST_MESSAGE, one_line
 
 ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
-LIMIT, LIMIT_VARIABLE = 12.0, "SRLREPRO_LIMIT"  # h for one cell: what the longest job on Slurm has
+MOST_SEEDS = 10_000  # Snakemake plans the 1000 seeds of the largest set that was thought of, not a million
+LONGEST_NAME = 64  # characters; a file system takes 255 bytes, and some go to what stands around the name
 
 
 class Study(NamedTuple):
@@ -36,7 +40,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and leave."""
-        self.exit(2, f"{self.prog}: {message}\n")
+        self.exit(2, f"{self.prog}: {one_line(message, LONGEST_MESSAGE)}\n")
 
 
 RESERVED = ("full", "quick", *STUDIES, *(f"{name}_quick" for name in STUDIES))
@@ -91,6 +95,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--set",
         dest="settings",
+        action="extend",
         nargs="+",
         default=[],
         metavar="NAME=VALUE",
@@ -114,38 +119,72 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def add_limit(parser: argparse.ArgumentParser) -> None:
-    """Give a command line the option that ends what hangs; its default is the driver's word to its jobs."""
-    parser.add_argument(
-        "--limit",
-        type=float,
-        default=os.environ.get(LIMIT_VARIABLE, LIMIT),
-        metavar="H",
-        help=f"hours for one cell of a notebook, after which its kernel is ended (default: {LIMIT:g})",
-    )
-
-
-def check_limit(limit: float) -> None:
-    """See that a limit ends something.
-
-    Raises:
-        ParameterError: it does not.
-    """
-    check(0 < limit < float("inf"), "--limit", limit, "a finite number > 0")
-
-
-def check_name(name: str) -> None:
+def check_name(name: Any, parameter: str = "--name") -> None:
     """See that a name of results can be that of a folder, and leads nowhere else.
 
     Raises:
         ParameterError: it cannot.
     """
+    fits = isinstance(name, str) and len(name) <= LONGEST_NAME
     check(
-        re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
-        "--name",
+        fits and re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name) is not None,
+        parameter,
         name,
-        "letters, digits, '_', '-' and '.'",
+        f"at most {LONGEST_NAME} letters, digits, '_', '-' and '.', a letter or digit first",
     )
+
+
+def check_whole(name: str, value: Any, least: int, most: int = LARGEST_WHOLE) -> None:
+    """Raise `ParameterError` unless a value is a whole number between two others."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    check(whole and least <= value <= most, name, value, f"a whole number in [{least}, {most}]")
+
+
+def check_workflow(found: Any) -> dict[str, Any]:
+    """The workflow's configuration that was read from a file, if `plan` can have made it.
+
+    Raises:
+        ParameterError: it cannot: a name would lead out of its folder, or a value is not allowed.
+    """
+    check(isinstance(found, dict), "workflow.json", found, "a table of values")
+    check_name(found.get("name"), "workflow.json: name")
+    check_name(found.get("cells", found["name"]), "workflow.json: cells")
+    for name, kinds in (("alphas", str), ("deltas", (int, float)), ("seeds", int)):
+        values = found.get(name)
+        plain = isinstance(values, list) and not any(isinstance(value, bool) for value in values)
+        fits = plain and all(isinstance(value, kinds) for value in values)
+        check(fits, f"workflow.json: {name}", values, "a list, as reproduce.sh writes it")
+    for alpha in found["alphas"]:
+        check(parse_alpha(alpha) == alpha, "workflow.json: alphas", alpha, "written in the shortest way")
+    for delta in found["deltas"]:
+        check(0 < delta < math.inf, "workflow.json: deltas", delta, "finite numbers > 0")
+    for seed in found["seeds"]:
+        check_whole("workflow.json: seeds", seed, 0)
+    check_whole("workflow.json: steps", found.get("steps"), 1)
+    for name in ("settings", "values"):
+        check(isinstance(found.get(name), dict), f"workflow.json: {name}", found.get(name), "a table")
+    per_seed = found["values"].get("data_per_seed")
+    check(isinstance(per_seed, bool), "workflow.json: data_per_seed", per_seed, "true or false")
+    Config().with_values(**found["settings"])
+    study = found.get("study", "")
+    check(study in ("", *STUDIES), "workflow.json: study", study, f"empty, or one of {', '.join(STUDIES)}")
+    return dict(found)
+
+
+def parse_alpha(text: str) -> str:
+    """The text of α in names, tables and legends, of one on a command line.
+
+    Raises:
+        ParameterError: it is neither a number in [0, 1] nor "none".
+    """
+    if text == "none":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    check(0 <= value <= 1, "--alphas", text, "numbers in [0, 1], or none")
+    return condition(abs(value))  # -0 is 0
 
 
 def plan(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -154,16 +193,9 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ParameterError: a value that is not allowed.
     """
-    alphas = []
-    for text in arguments.alphas:
-        try:
-            value = None if text == "none" else float(text)
-        except ValueError:
-            value = -1.0
-        check(value is None or 0 <= value <= 1, "--alphas", text, "numbers in [0, 1], or none")
-        alphas.append("none" if value is None else f"{value:g}")
+    alphas = [parse_alpha(text) for text in arguments.alphas]
     for delta in arguments.deltas:
-        check(0 < delta < float("inf"), "--deltas", delta, "finite numbers > 0")
+        check(0 < delta < math.inf, "--deltas", delta, "finite numbers > 0")
     deltas = [float(f"{delta:g}") for delta in arguments.deltas]
     for name, values in (("--alphas", alphas), ("--deltas", deltas)):
         check(len(set(values)) == len(values), name, " ".join(map(str, values)), "different from each other")
@@ -173,14 +205,9 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "none",
         "joined by at least one number, for the figures of the regions",
     )
-    check(arguments.seeds >= 1, "--seeds", arguments.seeds, "a whole number in [1, inf)")
-    check(
-        arguments.cores is None or arguments.cores >= 1,
-        "--cores",
-        arguments.cores,
-        "a whole number in [1, inf)",
-    )
-    check_limit(arguments.limit)
+    check_whole("--seeds", arguments.seeds, 1, MOST_SEEDS)
+    if arguments.cores is not None:
+        check_whole("--cores", arguments.cores, 1)
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
     grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
     seeds, longest = arguments.seeds, config.choices.total_steps
@@ -190,16 +217,17 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         _, deltas, seeds, longest = STUDIES[arguments.study]
     usual = config.choices.quick_steps if arguments.quick else longest
     steps = usual if arguments.steps is None else arguments.steps
-    check(steps >= 1, "--steps", steps, "a whole number in [1, inf)")
+    check_whole("--steps", steps, 1)
     papers, size = grid and steps == usual, "quick" if arguments.quick else "full"
     if arguments.study:
         size = f"{arguments.study}_quick" if arguments.quick else arguments.study
     default = papers and arguments.seeds == SEEDS
     more = f"seeds_{arguments.seeds}" if size == "full" else f"{size}_seeds_{arguments.seeds}"
-    name = arguments.name or (size if default else more if papers else "custom")
+    usual_name = size if default else more if papers else "custom"
+    name = usual_name if arguments.name is None else arguments.name
     check_name(name)
     check(
-        (default and name == size) or name not in RESERVED,
+        name == usual_name or not (name in RESERVED or re.fullmatch(r"(.+_)?seeds_\d+", name)),
         "--name",
         name,
         "another name if the grid or a parameter is varied",

@@ -4,7 +4,6 @@ How files hang together is read off the Snakefile (a forced dry run lists every 
 what the jobs wrote: parameters in executed notebooks, beside them code, versions, machine, time and memory.
 """
 
-import ast
 import json
 import re
 import shlex
@@ -20,7 +19,8 @@ import pandas as pd
 
 from srlrepro.config import check
 from srlrepro.files import ResultError, read_json, write_json
-from srlrepro.plan import STUDIES, make_parser, plan
+from srlrepro.notebooks import parameters_of
+from srlrepro.plan import STUDIES, check_workflow, make_parser, plan
 from srlrepro.provenance import EVERYTHING, LEARNING, code_hash
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -95,7 +95,7 @@ def configurations(name: str) -> list[dict[str, Any]]:
     Raises:
         ResultError: none is known.
     """
-    kept = [read_json(path) for path in sorted(ROOT.glob("results/*/workflow.json"))]
+    kept = [check_workflow(read_json(path)) for path in sorted(ROOT.glob("results/*/workflow.json"))]
     found = [config for config in kept if name in (config["name"], config.get("cells"))]
     if not any(config["name"] == name for config in found):
         seeds = re.fullmatch(r"seeds_(\d+)", name)
@@ -164,12 +164,7 @@ def recorded_parameters(executed: Path) -> dict[str, Any]:
     Raises:
         ResultError: the notebook is missing, or was not executed by the workflow.
     """
-    cells = read_json(executed)["cells"]
-    sources = ["".join(cell["source"]) for cell in cells if INJECTED in cell["metadata"].get("tags", [])]
-    if len(sources) != 1:
-        raise ResultError(f"{executed.name} was not executed by the workflow")
-    assigned = [node for node in ast.parse(sources[0]).body if isinstance(node, ast.Assign)]
-    return {ast.unparse(node.targets[0]): ast.literal_eval(node.value) for node in assigned}
+    return parameters_of(executed, INJECTED)
 
 
 def record(job: Job) -> dict[str, Any]:

@@ -8,6 +8,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from srlrepro.config import Config
@@ -65,3 +66,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for case in CASES:
         case.train(folders[case.name])
     return folders
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """End the report with how many bad inputs were tried, surface by surface."""
+    passed = terminalreporter.stats.get("passed", [])
+    rows = [value for report in passed for name, value in report.user_properties if name == "cases"]
+    if rows:
+        terminalreporter.write_line(pd.DataFrame(rows).to_string(index=False))

@@ -15,8 +15,8 @@ import pytest
 
 from srlrepro.claims import MEASURE_COLUMNS
 from srlrepro.config import Config
-from srlrepro.files import ResultError
-from srlrepro.importing import LARGEST, NOTEBOOK, bring_in, cells, difference, mark_finished, outputs
+from srlrepro.files import LARGEST, ResultError
+from srlrepro.importing import NOTEBOOK, bring_in, cells, difference, mark_finished, outputs
 from srlrepro.plan import make_parser, plan
 from srlrepro.training import train
 
