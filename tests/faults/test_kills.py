@@ -95,6 +95,7 @@ def test_killed_at_random_moments_nothing_is_lost(
 ) -> None:
     minutes = json.loads((checkout / "results" / "whole" / "run_time.json").read_text())["minutes"]
     rng, disturbed = np.random.default_rng(SEED), Disturbed(checkout)
+    print(f"moments drawn from seed {SEED}")
     for n in range(request.config.getoption("--kills", default=6)):
         victim, wait, killed = VICTIMS[n % len(VICTIMS)], rng.uniform(0.0, SHARE * 60 * minutes), False
         time.sleep(wait)
