@@ -9,8 +9,9 @@ from typing import Any
 
 from srlrepro import commands
 from srlrepro.config import ParameterError
+from srlrepro.limit import add_limit
 from srlrepro.parameters import LONGEST_MESSAGE, one_line
-from srlrepro.plan import Parser, add_limit, check_whole
+from srlrepro.plan import Parser, check_whole
 
 MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
 

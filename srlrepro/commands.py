@@ -13,7 +13,7 @@ from typing import Any
 
 from srlrepro.config import Choices, Config, Paper, ParameterError, check, parse_settings
 from srlrepro.parameters import one_line
-from srlrepro.plan import check_limit, check_name, check_whole
+from srlrepro.plan import check_name, check_whole
 
 
 def _config(arguments: argparse.Namespace) -> Config:
@@ -126,7 +126,6 @@ def execute(arguments: argparse.Namespace) -> None:
             f"--parameters = {one_line(text)}: must be JSON, or @ and a file with it ({error})"
         ) from None
     results = [path for path in arguments.results if path != arguments.output]
-    check_limit(arguments.limit)
     notebooks.execute(arguments.notebook, arguments.output, parameters, results, arguments.limit * 3600)
 
 

@@ -21,10 +21,10 @@ import pandas as pd
 
 from srlrepro.parameters import LONGEST_MESSAGE, one_line
 
-LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
-NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
 UNFINISHED = "-unfinished-"  # in the names of temporary files
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
+NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
 
 
 class ResultError(RuntimeError):
@@ -72,12 +72,8 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file's content.
-
-    Raises:
-        ResultError: the file is missing.
-    """
-    with existing(path).open("rb") as file:
+    """SHA-256 of the content of a file that exists."""
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from srlrepro.config import ParameterError
-from srlrepro.plan import CORES, LIMIT_VARIABLE, make_parser, plan
+from srlrepro.limit import VARIABLE
+from srlrepro.plan import CORES, make_parser, plan
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
@@ -143,7 +144,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
     ]
     command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
-    environment[LIMIT_VARIABLE] = str(options.limit)
+    environment |= {VARIABLE: str(options.limit)}
     if options.dry_run:
         command += ["--dry-run", "--quiet", "rules", "reason"]
         return subprocess.run(command, cwd=ROOT, env=environment).returncode
@@ -166,9 +167,8 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
             pass_fds=[lock.fileno()],
         )
         assert process.stdin is not None and process.stdout is not None
-        interrupted = False
         try:
-            worked = follow(process.stdout, log)
+            worked, interrupted = follow(process.stdout, log), False
         except KeyboardInterrupt:
             worked = interrupted = True
             print("reproduce.sh: stopping …", flush=True)

@@ -14,7 +14,7 @@ from runs import products
 
 VICTIMS = ("kernel", "notebook", "workflow", "driver")  # the kernel is what trains
 SEED = 7
-SHARE = 0.12  # of the time of a whole grid: the longest wait before a kill
+SHARE = 0.4  # of the time of a whole grid: the longest wait before a kill, so that kills meet every stage
 SITTINGS = (
     4  # in which a grid that is no longer disturbed has to end; one is spent on what the last kill left
 )
@@ -71,6 +71,11 @@ class Disturbed:
             self._begin()
         return kept
 
+    def under_way(self) -> tuple[int, int]:
+        """Numbers of runs that have ended and of runs that have a checkpoint."""
+        results = self.checkout / "results" / self.name
+        return len(list(results.glob("runs/*/run.json"))), len(list(results.glob("checkpoints/*.zip")))
+
     def end(self) -> bool:
         """Let the grid end undisturbed; whether it did, and nothing was made again."""
         before, kept = self.grids, True
@@ -90,6 +95,7 @@ def test_killed_at_random_moments_nothing_is_lost(
 ) -> None:
     minutes = json.loads((checkout / "results" / "whole" / "run_time.json").read_text())["minutes"]
     rng, disturbed = np.random.default_rng(SEED), Disturbed(checkout)
+    print(f"moments drawn from seed {SEED}")
     for n in range(request.config.getoption("--kills", default=6)):
         victim, wait, killed = VICTIMS[n % len(VICTIMS)], rng.uniform(0.0, SHARE * 60 * minutes), False
         time.sleep(wait)
@@ -98,7 +104,12 @@ def test_killed_at_random_moments_nothing_is_lost(
             kept = disturbed.go_on() and kept
             killed = kill(victim, checkout)
             time.sleep(0.05)
-        print(f"{n + 1}: {victim} of {disturbed.name} killed after {wait:.1f} s, seed {SEED}", flush=True)
+        runs, checkpoints = disturbed.under_way()
+        made = f"{runs} runs ended, {checkpoints} checkpoints"
+        print(
+            f"{n + 1}: {victim} of {disturbed.name} killed after {wait:.1f} s (seed {SEED}): {made}",
+            flush=True,
+        )
         if victim in ("workflow", "driver"):
             disturbed.driver.wait(grid.ENDING)
         count.append(kept)
