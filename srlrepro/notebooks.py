@@ -166,13 +166,13 @@ def execute(
         for path in results:
             if existing(path).stat().st_mtime < started:
                 raise ResultError(f"{notebook.name} left an old {path} in place")
-        _forget_machine(executed)
+        forget_machine(executed)
         nbformat.write(executed, temporary)
         made = provenance(time.time() - started - STALE, EVERYTHING, resource.RUSAGE_CHILDREN)
         write_json(output.with_suffix(".json"), {"parameters": parameters} | made)
 
 
-def _forget_machine(notebook: Any) -> None:
+def forget_machine(notebook: Any) -> None:
     """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
     notebook.metadata.pop("papermill", None)
     for cell in notebook.cells:
