@@ -65,7 +65,7 @@ def _check_tables(folder: Path, files: dict[str, str], result: dict[str, Any]) -
         raise ResultError(f"trials.csv belongs to another run: {differs}")
     window, steps = curve_window(result["steps_done"], result["config"]["n_steps"]), result["steps_done"]
     curve = learning_curve(trials, window, -(-steps // window))
-    _check_equal(read_table(folder / files["curve.csv"], tuple(curve)), curve, files["curve.csv"])
+    _check_equal(read_table(folder / files["curve.csv"], tuple(curve.columns)), curve, files["curve.csv"])
     visited = read_arrays(folder / files["visited.npz"], VISITED_FORMAT, ("x",))["x"]
     if visited.ndim != 2 or visited.shape[1] != 6 or visited.dtype.kind != "f":
         raise ResultError(f"{files['visited.npz']} holds no states [N, 6]")
@@ -82,7 +82,7 @@ def _check_tables(folder: Path, files: dict[str, str], result: dict[str, Any]) -
     _check_equal(measures, pd.DataFrame(rows, columns=list(MEASURE_COLUMNS)), files["measures"])
 
 
-def _plain(output: dict[str, Any]) -> nbformat.NotebookNode:
+def _plain(output: dict[str, Any]) -> Any:
     """An output of a cell without what a browser could run."""
     if output["output_type"] == "stream":
         return nbformat.v4.new_output("stream", name="stdout", text="".join(output["text"]))
@@ -97,7 +97,7 @@ def _is_given(cell: dict[str, Any]) -> bool:
     return "injected-parameters" in cell["metadata"].get("tags", [])
 
 
-def _executed(folder: Path, name: str, notebook: Path) -> nbformat.NotebookNode:
+def _executed(folder: Path, name: str, notebook: Path) -> Any:
     """A notebook as this checkout has it, with the parameters and outputs that another executed it with."""
     found, made = read_json(folder / name), nbformat.read(existing(notebook), as_version=4)
     try:
