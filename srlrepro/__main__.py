@@ -1,6 +1,7 @@
 """The command line ``python -m srlrepro``: each stage by itself, and the tools around the results."""
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 from srlrepro import commands
 from srlrepro.config import ParameterError
 from srlrepro.parameters import LONGEST_MESSAGE, one_line
-from srlrepro.plan import Parser, check_whole
+from srlrepro.plan import Parser, add_limit, check_whole
 
 MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
 
@@ -107,6 +108,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--results", type=_path, nargs="*", default=[], help="files that the notebook must write"
     )
+    add_limit(sub)
 
     sub = command(
         "snapshot", commands.snapshot, "Refresh the outputs that the tests of the source notebooks compare."
@@ -133,8 +135,13 @@ def make_parser() -> argparse.ArgumentParser:
     command(
         "choices", commands.list_choices, "List every parameter with its value, allowed values and reason."
     )
-    sub = command("readme", commands.readme, "Render README.md from its template and the results.")
-    sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if README.md is stale")
+    for document in ("readme", "report"):
+        name = f"{document.upper()}.md"
+        sub = command(document, commands.render, f"Render {name} from its template and the results.")
+        sub.set_defaults(document=document)
+        sub.add_argument(
+            "--check", action="store_true", help=f"write nothing; exit with 1 if {name} is stale"
+        )
     return parser
 
 
@@ -152,7 +159,8 @@ def main(argv: list[str] | None = None) -> int:
         from srlrepro.files import ResultError
 
         if isinstance(error, (ArithmeticError, LinAlgError, MemoryError)):
-            parser.error(f"these values lead beyond what can be computed: {type(error).__name__}: {error}")
+            given = one_line(shlex.join(sys.argv[1:] if argv is None else argv))
+            parser.error(f"{given}: must be values to compute with ({type(error).__name__}: {error})")
         if not isinstance(error, (ResultError, OSError)):
             raise
         print(f"{parser.prog}: {one_line(error, LONGEST_MESSAGE)}", file=sys.stderr)

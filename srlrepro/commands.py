@@ -5,6 +5,7 @@ Slow imports wait in the functions, so that a wrong command line is refused at o
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 
 from srlrepro.config import Choices, Config, Paper, ParameterError, check, parse_settings
 from srlrepro.parameters import one_line
-from srlrepro.plan import check_name, check_whole
+from srlrepro.plan import check_limit, check_name, check_whole
 
 
 def _config(arguments: argparse.Namespace) -> Config:
@@ -34,7 +35,7 @@ def region(arguments: argparse.Namespace) -> None:
 
     config = _config(arguments)
     _require_tsne(config, "--out", arguments.out)
-    region = learn(_training_data(arguments.data), config, arguments.seed)
+    region = learn(load_training_data(arguments.data), config, arguments.seed)
     region.save(arguments.out)
     print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
 
@@ -43,13 +44,15 @@ def label(arguments: argparse.Namespace) -> None:
     """Print l(x) of one state and how K fares from it."""
     from srlrepro.labels import OUTCOMES, ClosedLoop
 
+    for value in arguments.state:
+        check(math.isfinite(value), "--state", value, "finite numbers (rad, rad/s)")
     rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout(
         [arguments.state], record=False
     )
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 
-def _training_data(path: Path) -> Any:
+def load_training_data(path: Path) -> Any:
     """The training data of a file that may come from elsewhere: labelled states, at least two."""
     import numpy as np
 
@@ -88,7 +91,7 @@ def _hypothesis(arguments: argparse.Namespace, config: Config) -> Any:
         return SafeRegion.load(region)
     if data is None and config.choices.hypothesis not in ORACLES:
         return None
-    return learn(None if data is None else _training_data(data), config, delta=arguments.delta)
+    return learn(None if data is None else load_training_data(data), config, delta=arguments.delta)
 
 
 def train(arguments: argparse.Namespace) -> None:
@@ -123,7 +126,8 @@ def execute(arguments: argparse.Namespace) -> None:
             f"--parameters = {one_line(text)}: must be JSON, or @ and a file with it ({error})"
         ) from None
     results = [path for path in arguments.results if path != arguments.output]
-    notebooks.execute(arguments.notebook, arguments.output, parameters, results)
+    check_limit(arguments.limit)
+    notebooks.execute(arguments.notebook, arguments.output, parameters, results, arguments.limit * 3600)
 
 
 def snapshot(arguments: argparse.Namespace) -> None:
@@ -190,11 +194,14 @@ def list_choices(arguments: argparse.Namespace) -> None:
             print(f"{f.name} = {f.default}{unit}, in {m['allowed']}: {m['meaning']} ({m[source]})")
 
 
-def readme(arguments: argparse.Namespace) -> None:
-    """Render README.md, or leave with 1 if it is stale."""
-    from srlrepro.readme import is_stale, write
+def render(arguments: argparse.Namespace) -> None:
+    """Render README.md or REPORT.md from its template and the results."""
+    from srlrepro import readme, report
 
-    if not arguments.check:
-        write()
-    elif is_stale():
-        sys.exit("README.md is stale: run python -m srlrepro readme")
+    document = {d.command: d for d in (readme.DOCUMENT, report.DOCUMENT)}[arguments.document]
+    if arguments.check:
+        document.check()
+        return
+    if document is readme.DOCUMENT:
+        readme.keep_times()
+    document.write()

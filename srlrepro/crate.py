@@ -5,12 +5,18 @@ import mimetypes
 from pathlib import Path
 
 import yaml
-from rocrate.model.contextentity import ContextEntity
-from rocrate.rocrate import ROCrate
 
-from srlrepro.files import write_json
+from srlrepro.files import ResultError, write_json
+from srlrepro.jobs import ROOT, maker, makers, planned_jobs
+from srlrepro.records import records
 from srlrepro.site import KEPT
-from srlrepro.tracing import ROOT, configurations, maker, makers, planned_jobs, record, recorded_parameters
+from srlrepro.tracing import configurations, recorded_parameters
+
+try:
+    from rocrate.model.contextentity import ContextEntity
+    from rocrate.rocrate import ROCrate
+except ModuleNotFoundError as error:
+    raise ResultError("rocrate is not installed: .venv/bin/pip install -r requirements-test.txt") from error
 
 METADATA = ROOT / "ro-crate-metadata.json"
 PROCESS_RUN = "https://w3id.org/ro/wfrun/process/0.5"  # the profile of the actions
@@ -55,7 +61,8 @@ def describe(names: tuple[str, ...] = KEPT) -> ROCrate:
         folders = [ROOT / "figures" / name, ROOT / "notebooks" / "executed" / name]
         found = [path for folder in folders for path in sorted(folder.rglob("[!.]*.*")) if path.is_file()]
         jobs = planned_jobs(configurations(name)[0]) if found else []
-        sources = makers(jobs)
+        sources, made_by = makers(jobs), records(name, jobs).groupby("notebook")
+        notes = {notebook: rows.drop(columns="notebook").to_dict("records") for notebook, rows in made_by}
         made = {job.executed: list[str]() for job in jobs}
         for path in (file.relative_to(ROOT).as_posix() for file in found):
             add(path)
@@ -65,7 +72,8 @@ def describe(names: tuple[str, ...] = KEPT) -> ROCrate:
         for job in (job for job in jobs if job.executed in made[job.executed]):
             # Intermediate results are not part of the crate: the notebooks that made them stand for them.
             used = dict.fromkeys(sources[path].executed if path in sources else path for path in job.inputs)
-            parameters = {"parameters": recorded_parameters(ROOT / job.executed)}
+            parameters = recorded_parameters(ROOT / job.executed)
+            note = {"parameters": parameters, "records": notes.get(job.executed, [])}
             crate.add_action(
                 add(job.notebook, **code),
                 f"#{job.executed}",
@@ -73,7 +81,7 @@ def describe(names: tuple[str, ...] = KEPT) -> ROCrate:
                 result=[add(path) for path in made[job.executed]],
                 properties={
                     "name": f"{job.rule}: {job.executed}",
-                    "description": json.dumps(parameters | record(job), ensure_ascii=False),
+                    "description": json.dumps(note, ensure_ascii=False),
                     "agent": agent,
                 },
             )

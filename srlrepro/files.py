@@ -5,6 +5,8 @@ Readers take nothing on trust, as a file may come from elsewhere: they run none 
 than `LARGEST` bytes of it, and raise `ResultError`, one line that names the file and what is wrong with it.
 """
 
+import errno
+import hashlib
 import json
 import os
 import tempfile
@@ -21,6 +23,8 @@ from srlrepro.parameters import LONGEST_MESSAGE, one_line
 
 LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
 NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
+UNFINISHED = "-unfinished-"  # in the names of temporary files
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class ResultError(RuntimeError):
@@ -35,14 +39,16 @@ def beside(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path``; on success rename it to ``path``.
 
     Raises:
-        ResultError: the folder cannot be made or written, or the path is a folder.
+        ResultError: the folder cannot be made or written, the disk is full, or the path is a folder.
     """
     path = Path(path)
     if path.is_dir():
         raise ResultError(f"cannot write {path}: it is a folder")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}{UNFINISHED}", suffix=path.suffix, dir=path.parent
+        )
     except OSError as error:
         raise ResultError(f"cannot write to {path.parent}: {error.strerror}") from error
     os.close(handle)
@@ -51,8 +57,28 @@ def beside(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise ResultError(f"cannot write {path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the temporary files that killed writers have left anywhere below a folder."""
+    for path in Path(folder).rglob(f".*{UNFINISHED}*"):
+        path.unlink()
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content.
+
+    Raises:
+        ResultError: the file is missing.
+    """
+    with existing(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _umask() -> int:
@@ -103,7 +129,7 @@ def bounded(path: Path) -> Path:
 
 
 def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
-    """See that the parts of an archive in a file state at most `LARGEST` bytes; zipfile reads no more of them.
+    """See that the parts of an archive state at most `LARGEST` bytes together; zipfile reads no more of them.
 
     Raises:
         ResultError: they state more.
@@ -205,15 +231,18 @@ def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> N
         table.to_csv(temporary, index=False, float_format=None if digits is None else f"%.{digits}g")
 
 
-def read_table(path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = ()) -> pd.DataFrame:
-    """Read a CSV table that has at least the given columns, some of which may hold numbers alone.
+def read_table(
+    path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = (), text: tuple[str, ...] = ()
+) -> pd.DataFrame:
+    """Read a CSV table that has at least the given columns: those in ``numbers`` may hold numbers alone,
+    those in ``text`` are kept as they are written.
 
     Raises:
         ResultError: the file is missing, too large, empty, lacks a column, or a column of ``numbers`` holds
             something else.
     """
     try:
-        table = pd.read_csv(bounded(path))
+        table = pd.read_csv(bounded(path), dtype=dict.fromkeys(text, str))
     except (ValueError, OverflowError) as error:  # pandas' own errors and those of the encoding are of these
         raise ResultError(f"{path} is truncated or not a table") from error
     lacking = [name for name in columns if name not in table]

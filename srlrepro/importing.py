@@ -95,6 +95,7 @@ def bring_in(folder: Path, name: str, root: Path) -> tuple[list[str], dict[str, 
         except ResultError as error:
             refused[run.name] = str(error)
     for files, notebook in accepted:
+        (root / files["notebook"]).with_suffix(".json").unlink(missing_ok=True)  # tells of what was made here
         for path in files.values():
             with beside(root / path) as temporary:
                 if path == files["notebook"]:

@@ -8,6 +8,7 @@ code cell ran, and every result file that the notebook promises is new.
 import ast
 import json
 import logging
+import math
 import os
 import resource
 import sys
@@ -19,7 +20,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from srlrepro.config import Config, ParameterError, check, one_line
-from srlrepro.files import ResultError, beside, existing, read_json, require_writable, write_json
+from srlrepro.files import ResultError, beside, existing, read_json, require_writable, sha256, write_json
 from srlrepro.provenance import EVERYTHING, provenance
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -30,7 +31,7 @@ sys.modules.setdefault("rfc3987_syntax", cast(ModuleType, None))
 SETTINGS = "SETTINGS"
 NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
-STALE = 1.0  # s by which a file system may round the time of a new file down
+WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
 
 
 def parameters_of(notebook: Path, tag: str = "parameters") -> dict[str, Any]:
@@ -110,7 +111,7 @@ def execute(
     output: Path,
     parameters: dict[str, Any],
     results: Iterable[Path] = (),
-    timeout: float = 86_400,
+    limit: float | None = None,
 ) -> None:
     """Execute a notebook in its own folder and write the executed copy, and beside it (.json) what made it.
 
@@ -118,15 +119,15 @@ def execute(
         notebook, output: the source and the executed notebook (.ipynb), which is another file.
         parameters: values for the cell tagged ``parameters``; paths among them relative to the notebook.
         results: files that the notebook writes; each must be new.
-        timeout: s for one cell.
+        limit: s for one cell, after which its kernel is killed; None: it may take for ever.
 
     Raises:
         ParameterError: an unknown parameter, or one of another type.
-        ResultError: a cell failed or did not run, or a result is missing.
+        ResultError: a cell failed, did not run or reached the limit, its kernel died, or a result is missing.
     """
     import nbformat
     import papermill
-    from nbclient.exceptions import CellTimeoutError, DeadKernelError
+    from nbclient.exceptions import CellTimeoutError
     from traitlets.config import Config as TraitletsConfig
 
     logging.getLogger("papermill").setLevel(logging.WARNING)
@@ -134,7 +135,9 @@ def execute(
     other = output.suffix == ".ipynb" and output.resolve() != notebook.resolve()
     check(other, "output", output, "another file than the notebook, with the suffix .ipynb")
     require_writable(output.parent)
-    started = time.time() - STALE
+    results, record = list(results), output.with_suffix(".json")
+    record.unlink(missing_ok=True)
+    before, started = [_written(path) for path in results], time.monotonic()
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
         os.environ.update(dict.fromkeys(THREADS, "1"))
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
@@ -147,13 +150,14 @@ def execute(
                 cwd=notebook.parent,
                 kernel_name="python3",
                 progress_bar=False,
-                execution_timeout=timeout,
+                execution_timeout=None if limit is None else math.ceil(limit),
+                shutdown_kernel="immediate",  # at its end all is written, and a busy one listens to nobody
                 config=TraitletsConfig({"KernelManager": transport}),
             )
         except papermill.PapermillExecutionError as error:
             failed = f"{error.ename}: {error.evalue}".splitlines()[0]
             raise ResultError(f"{notebook.name}, cell {error.cell_index}: {failed}") from error
-        except (DeadKernelError, CellTimeoutError) as error:
+        except (RuntimeError, CellTimeoutError) as error:  # the former of kernels that die
             raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
         executed = nbformat.read(temporary, as_version=4)
         ran = [
@@ -163,13 +167,47 @@ def execute(
         ]
         if None in ran:
             raise ResultError(f"{notebook.name}: {ran.count(None)} of {len(ran)} code cells never ran")
-        for path in results:
-            if existing(path).stat().st_mtime < started:
+        for path, old in zip(results, before, strict=True):
+            if _written(existing(path)) == old:
                 raise ResultError(f"{notebook.name} left an old {path} in place")
         forget_machine(executed)
         nbformat.write(executed, temporary)
-        made = provenance(time.time() - started - STALE, EVERYTHING, resource.RUSAGE_CHILDREN)
-        write_json(output.with_suffix(".json"), {"parameters": parameters} | made)
+        made = provenance(time.monotonic() - started, EVERYTHING, resource.RUSAGE_CHILDREN)
+        digests = {str(path): sha256(path) for path in results if path.suffix in WITHOUT_CHECKSUM}
+        write_json(record, {"parameters": parameters} | made | {"sha256": digests})
+
+
+def _written(path: Path) -> tuple[int, int] | None:
+    """What changes when a file is written, by whatever clock; None if there is no file."""
+    if not path.exists():
+        return None
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
+
+
+def require_undamaged(folders: Iterable[Path], root: Path) -> None:
+    """See that the results of all executed notebooks below folders are as these wrote them.
+
+    A result that is missing is no damage: the workflow makes it again. Nor are those looked at whose notebook
+    has not been executed to its end, or whose record holds no digests.
+
+    Args:
+        root: the folder from which the paths of results start.
+
+    Raises:
+        ResultError: a result has another content, or a record is damaged itself.
+    """
+    found = {}
+    for notebook in (path for folder in folders for path in sorted(folder.rglob("*.ipynb"))):
+        record = notebook.with_suffix(".json")
+        digests = read_json(record).get("sha256", {}) if record.exists() else {}
+        for name, digest in digests.items():
+            if (root / name).exists() and sha256(root / name) != digest:
+                found[name] = notebook.name
+    if found:
+        name, writer = next(iter(found.items()))
+        others = f" (and {len(found) - 1} others)" if len(found) > 1 else ""
+        raise ResultError(f"{name}{others} is not as {writer} wrote it: delete it to have it made again")
 
 
 def forget_machine(notebook: Any) -> None:

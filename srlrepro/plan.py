@@ -13,6 +13,7 @@ ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
 MOST_SEEDS = 10_000  # Snakemake plans the 1000 seeds of the largest set that was thought of, not a million
 LONGEST_NAME = 64  # characters; a file system takes 255 bytes, and some go to what stands around the name
+LIMIT, LIMIT_VARIABLE = 12.0, "SRLREPRO_LIMIT"  # h for one cell: what the longest job on Slurm has
 
 
 class Study(NamedTuple):
@@ -42,6 +43,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {one_line(message, LONGEST_MESSAGE)}\n")
 
 
+# Names of results that only the grid or study of this name may have; so has seeds_N, as verdicts rest on it.
 RESERVED = ("full", "quick", *STUDIES, *(f"{name}_quick" for name in STUDIES))
 
 
@@ -113,8 +115,29 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--slurm", action="store_true", help="run the jobs on a Slurm cluster, as profiles/slurm says"
     )
+    add_limit(parser)
     parser.add_argument("--dry-run", action="store_true", help="say what would be run, and run nothing")
     return parser
+
+
+def add_limit(parser: argparse.ArgumentParser) -> None:
+    """Give a command line the option that ends what hangs; its default is the driver's word to its jobs."""
+    parser.add_argument(
+        "--limit",
+        type=float,
+        default=os.environ.get(LIMIT_VARIABLE, LIMIT),
+        metavar="H",
+        help=f"hours for one cell of a notebook, after which its kernel is ended (default: {LIMIT:g})",
+    )
+
+
+def check_limit(limit: float) -> None:
+    """See that a limit ends something.
+
+    Raises:
+        ParameterError: it does not.
+    """
+    check(0 < limit < float("inf"), "--limit", limit, "a finite number > 0")
 
 
 def check_name(name: Any, parameter: str = "--name") -> None:
@@ -206,6 +229,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     check_whole("--seeds", arguments.seeds, 1, MOST_SEEDS)
     if arguments.cores is not None:
         check_whole("--cores", arguments.cores, 1)
+    check_limit(arguments.limit)
     config = Config().with_values(**(settings := parse_settings(arguments.settings)))
     grid = (alphas, deltas, settings) == (ALPHAS, DELTAS, {})
     seeds, longest = arguments.seeds, config.choices.total_steps

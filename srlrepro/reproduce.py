@@ -7,9 +7,9 @@ anything is written. The driver then starts itself again with the Python of ``.v
 import argparse
 import fcntl
 import hashlib
-import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from srlrepro.config import ParameterError
-from srlrepro.plan import CORES, make_parser, plan
+from srlrepro.plan import CORES, LIMIT_VARIABLE, make_parser, plan
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
@@ -51,15 +51,18 @@ def set_up(names: list[str]) -> None:
 
 
 @contextmanager
-def only_one() -> Iterator[None]:
-    """Hold the lock of this checkout; a second driver leaves at once. A killed driver's lock is released."""
+def only_one() -> Iterator[IO[str]]:
+    """Hold the lock of this checkout; a second driver leaves at once.
+
+    Who is given the file shares the lock. The system releases it when all of them have ended, however.
+    """
     (ROOT / "results").mkdir(exist_ok=True)
     with (ROOT / "results" / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            sys.exit("reproduce.sh: another ./reproduce.sh is running in this folder")
-        yield
+            sys.exit("reproduce.sh: another ./reproduce.sh is running in this folder, or coming to its end")
+        yield file
 
 
 def follow(lines: IO[str], log: IO[str]) -> bool:
@@ -92,33 +95,6 @@ def follow(lines: IO[str], log: IO[str]) -> bool:
     return bar is not None
 
 
-def machine() -> dict[str, Any]:
-    """Where a time was measured."""
-    from srlrepro.provenance import processor
-
-    return {"processor": processor(), "processor_cores": os.cpu_count()}
-
-
-def add_time(file: Path, minutes: float, **run: Any) -> dict[str, Any]:
-    """Keep, in a file beside results, the time that they took over all sittings in which a job was done."""
-    before = json.loads(file.read_text()) if file.exists() else {"minutes": 0.0, "sittings": 0}
-    timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before["sittings"] + 1}
-    timing |= run | machine()
-    file.write_text(json.dumps(timing, indent=1) + "\n")
-    return timing
-
-
-def spent(folder: Path, seeds: list[int] | None = None) -> dict[str, Any]:
-    """What the finished trainings (of some seeds) below a folder took: number, core hours, largest memory."""
-    found = [json.loads(path.read_text()) for path in folder.rglob("run.json")]
-    costs = [result["provenance"] for result in found if seeds is None or result["run"]["seed"] in seeds]
-    return {
-        "trainings": len(costs),
-        "core_hours": round(sum(cost["seconds"] for cost in costs) / 3600, 2),
-        "peak_memory_mb": max((cost["peak_memory_mb"] for cost in costs), default=0),
-    }
-
-
 def engine(slurm: bool, cores: int | None) -> list[str]:
     """Options of Snakemake: run jobs on so many cores here, or so many at a time on Slurm."""
     if not slurm:
@@ -126,11 +102,36 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
     return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
 
 
-def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
-    """Run Snakemake on the configuration; returns its exit status."""
+def tell(name: str) -> int:
+    """Render the documents that tell of these results; returns the exit status."""
+    from srlrepro.files import ResultError
+    from srlrepro.report import refresh
+
+    try:
+        for document in refresh(name):
+            print(f"Rendered anew: {document}")
+    except ResultError as error:
+        print(f"reproduce.sh: verdict and report are not up to date: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[str]) -> int:
+    """Run Snakemake, whose jobs end with this driver, and return its exit status.
+
+    Args:
+        lock: held until the last job has ended, even if this driver is killed.
+
+    Raises:
+        ResultError: a result was damaged.
+    """
+    from srlrepro.costs import add_time, spent
+    from srlrepro.files import remove_unfinished, write_json
+    from srlrepro.notebooks import require_undamaged
+    from srlrepro.records import keep, table_of
+
     folder = ROOT / "results" / config["name"]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "workflow.json").write_text(json.dumps(config, indent=1, ensure_ascii=False) + "\n")
+    write_json(folder / "workflow.json", config)
     command = [
         sys.executable,
         "-m",
@@ -142,47 +143,68 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
     ]
     command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
+    environment[LIMIT_VARIABLE] = str(options.limit)
     if options.dry_run:
-        return subprocess.run(
-            [*command, "--dry-run", "--quiet", "rules", "reason"], cwd=ROOT, env=environment
-        ).returncode
-    subprocess.run(
-        [sys.executable, "-c", "import matplotlib.pyplot"], env=environment, check=True
-    )  # its font cache
+        command += ["--dry-run", "--quiet", "rules", "reason"]
+        return subprocess.run(command, cwd=ROOT, env=environment).returncode
+    for name in ("results", "figures", "notebooks/executed"):
+        remove_unfinished(ROOT / name)
+    require_undamaged([ROOT / "notebooks" / "executed" / config[key] for key in ("name", "cells")], ROOT)
+    font_cache = [sys.executable, "-c", "import matplotlib.pyplot"]
+    subprocess.run(font_cache, env=environment, check=True)
     started = time.monotonic()
     with (folder / "snakemake.log").open("w") as log:
         process = subprocess.Popen(
-            command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            [sys.executable, "-m", "srlrepro.lifeline", *command],
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            pass_fds=[lock.fileno()],
         )
-        assert process.stdout is not None
+        assert process.stdin is not None and process.stdout is not None
+        interrupted = False
         try:
             worked = follow(process.stdout, log)
+        except KeyboardInterrupt:
+            worked = interrupted = True
+            print("reproduce.sh: stopping …", flush=True)
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)  # it ends soon
+            process.stdin.close()
+            process.stdout.read()  # to its end: then no job is left
             status = process.wait()
-        except KeyboardInterrupt:  # Snakemake has received it as well, and ends its jobs
-            process.wait()
-            worked, status = True, INTERRUPTED
     minutes = (time.monotonic() - started) / 60
     if worked:
         place = {"cores": "Slurm" if options.slurm else options.cores or CORES, "steps": config["steps"]}
         timing = add_time(folder / "run_time.json", minutes, **place)
         timing |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
         shown = ROOT / "figures" / config["name"] / "run_time.json"
-        shown.parent.mkdir(parents=True, exist_ok=True)
-        shown.write_text(json.dumps(timing, indent=1) + "\n")
-    if status == INTERRUPTED:
+        write_json(shown, timing)
+    if interrupted:
         print("reproduce.sh: stopped. Start again to go on.")
-    elif status:
+        return INTERRUPTED
+    if worked or (status == 0 and not table_of(config["name"]).exists()):
+        keep(config)
+    if status:
         log_name = f"results/{config['name']}/snakemake.log"
         print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log_name} says which. Start again to go on.")
     else:
-        print(
-            f"Done in {minutes:.1f} min: figures/{config['name']}/ and notebooks/executed/{config['name']}/"
-        )
+        name = config["name"]
+        print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
+        return tell(name)
     return status
 
 
 def run_tests(options: list[str]) -> int:
     """Lint, types and tests; returns the first exit status that is not zero."""
+    from srlrepro.costs import machine
+    from srlrepro.files import write_json
+
     environment = os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
     started = time.monotonic()
     checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
@@ -190,22 +212,21 @@ def run_tests(options: list[str]) -> int:
     results = [
         subprocess.run([sys.executable, "-m", *c], cwd=ROOT, env=environment).returncode for c in checks
     ]
+    minutes = (time.monotonic() - started) / 60
     if not any(results) and not options:
-        timing = {"minutes": round((time.monotonic() - started) / 60, 1), **machine()}
-        (ROOT / "results" / "test_time.json").write_text(json.dumps(timing, indent=1) + "\n")
+        write_json(ROOT / "results" / "test_time.json", {"minutes": round(minutes, 1), **machine()})
     return next((status for status in results if status), 0)
 
 
 def make_site() -> int:
-    """Write the pages of README and executed notebooks; returns the exit status."""
-    from srlrepro.files import ResultError
+    """Write the pages of README and executed notebooks; returns the exit status.
+
+    Raises:
+        ResultError: a page cannot be made.
+    """
     from srlrepro.site import SITE, Site
 
-    try:
-        Site(ROOT).write(SITE)
-    except ResultError as error:
-        print(f"reproduce.sh: {error}", file=sys.stderr)
-        return 1
+    Site(ROOT).write(SITE)
     print(f"Done: {(SITE / 'index.html').relative_to(ROOT)}")
     return 0
 
@@ -226,10 +247,20 @@ def main(arguments: list[str]) -> int:
         set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "srlrepro.reproduce", *arguments])
-    with only_one():
-        if site:
-            return make_site()
-        return run_tests(arguments[1:]) if test else run_workflow(config, options)
+    from srlrepro.files import ResultError
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, which `nohup … &` lets nobody hear
+    try:
+        with only_one() as lock:
+            if site:
+                return make_site()
+            return run_tests(arguments[1:]) if test else run_workflow(config, options, lock)
+    except ResultError as error:
+        message = str(error)
+    except OSError as error:
+        message = f"cannot write {error.filename or 'results'}: {error.strerror}"
+    print(f"reproduce.sh: {message}", file=sys.stderr)
+    return 1
 
 
 if __name__ == "__main__":

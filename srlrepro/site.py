@@ -7,6 +7,7 @@ links to what becomes a page change their suffix. Formulas become MathML, which 
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,17 @@ from latex2mathml.converter import convert
 from nbconvert import HTMLExporter
 from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 from pygments.formatters import HtmlFormatter
+from traitlets.config import Config
 
-from srlrepro.files import ResultError, existing
+from srlrepro.files import ResultError, existing, require_writable
 
 ROOT = Path(__file__).resolve().parent.parent
 SITE = ROOT / "site"
 TEMPLATE = ROOT / "docs" / "site.html.jinja"
 KEPT = ("full", "seeds_10", "multiverse", "hypotheses")  # results of which the site tells, if they are there
-DOCUMENTS = {"README.md": "index.html", "docs/claims.md": "docs/claims.html"}  # beside the notebooks
+INDEX = "README.md"  # the document that becomes index.html
+WITHOUT_DEFAULTS = {"enabled": True, "remove_cell_tags": ["parameters"]}  # papermill's cell says which held
+SECTION = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>')
 HEADING = re.compile(r"<h1[^>]*>(.*?)</h1>")
 
 
@@ -50,8 +54,9 @@ class Renderer(IPythonRenderer):
         return super().link(text, self.resolve(url), title)
 
     def image(self, text: str, url: str, title: str | None = None) -> str:
-        """A picture of the site."""
-        return super().image(text, self.resolve(url), title)
+        """A picture of the site, which leads to itself: on a small screen it is shown small."""
+        address = self.resolve(url)
+        return super().link(super().image(text, address, title), address)
 
     def inline_math(self, body: str) -> str:
         """A formula in a line."""
@@ -74,7 +79,11 @@ class Site:
         folders = [root / "notebooks" / "executed" / name for name in KEPT]
         found = [path.relative_to(root) for folder in folders for path in sorted(folder.rglob("[!.]*.ipynb"))]
         self.notebooks = {str(path): str(path.with_suffix(".html")) for path in found}
-        self.pages = DOCUMENTS | self.notebooks
+        texts = [
+            path.relative_to(root) for folder in (root, root / "docs") for path in sorted(folder.glob("*.md"))
+        ]
+        self.documents = {str(path): str(path.with_suffix(".html")) for path in texts} | {INDEX: "index.html"}
+        self.pages = self.documents | self.notebooks
         self.files: set[str] = set()  # what pages link to or show, to be copied
 
     def resolve(self, page: str, url: str) -> str:
@@ -103,7 +112,9 @@ class Site:
     def notebook(self, page: str) -> str:
         """An executed notebook as HTML."""
         content = nbformat.read(existing(self.root / page), as_version=4)
-        exporter = HTMLExporter(template_name="basic")
+        exporter = HTMLExporter(
+            template_name="basic", config=Config({"TagRemovePreprocessor": WITHOUT_DEFAULTS})
+        )
         exporter.register_filter("markdown2html", lambda source: self.markdown(page, source))
         html: str = exporter.from_notebook_node(content)[0]
         return html
@@ -118,8 +129,8 @@ class Site:
                 self.files.update(files.values())
                 yield {"name": f"{name}: {path.stem}", **files}
 
-    def write(self, folder: Path) -> None:
-        """Write every page, and copy every file that one of them names, to a folder that is replaced.
+    def render(self) -> dict[str, str]:
+        """{address: HTML} of every page.
 
         Raises:
             ResultError: a link leads nowhere.
@@ -130,25 +141,41 @@ class Site:
             trim_blocks=True,
         )
         template = environment.get_template(TEMPLATE.name)
-        style = HtmlFormatter().get_style_defs(".highlight")
-        rendered: dict[str, dict[str, Any]] = {page: {"body": self.notebook(page)} for page in self.notebooks}
-        for page in DOCUMENTS:
-            text = existing(self.root / page).read_text(encoding="utf-8")
-            rendered[page] = {"body": self.markdown(page, text)}
+        bodies = {page: self.notebook(page) for page in self.notebooks}
+        for page in self.documents:
+            bodies[page] = self.markdown(page, existing(self.root / page).read_text(encoding="utf-8"))
+        headings = {page: "".join(HEADING.findall(body)[:1]) for page, body in bodies.items()}
         listed = [
             {"group": str(Path(page).parent), "name": Path(page).stem, "address": address}
-            | {"heading": "".join(HEADING.findall(rendered[page]["body"])[:1])}
+            | {"heading": headings[page]}
             for page, address in self.notebooks.items()
         ]
-        rendered["README.md"] |= {"figures": list(self.figures()), "notebooks": listed}
-        shutil.rmtree(folder, ignore_errors=True)
-        for page, values in rendered.items():
-            target = folder / self.pages[page]
-            target.parent.mkdir(parents=True, exist_ok=True)
-            top = Path(os.path.relpath(folder, target.parent)).as_posix()
-            target.write_text(
-                template.render(values, title=Path(page).stem, top=top, style=style), encoding="utf-8"
-            )
-        for name in sorted(self.files):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(existing(self.root / name), folder / name)
+        others = {self.pages[page]: headings[page] for page in self.documents if page != INDEX}
+        common = {"style": HtmlFormatter().get_style_defs(".highlight"), "documents": others}
+        sections = dict(SECTION.findall(bodies[INDEX]))
+        of_index = {"figures": list(self.figures()), "notebooks": listed, "sections": sections}
+        pages = {}
+        for page, body in bodies.items():
+            address = self.pages[page]
+            top = Path(os.path.relpath(".", Path(address).parent)).as_posix()
+            values = common | (of_index if page == INDEX else {}) | {"body": body, "page": page, "top": top}
+            pages[address] = template.render(values)
+        return pages
+
+    def write(self, folder: Path) -> None:
+        """Write every page, and copy every file that one of them names, to a folder that is replaced.
+
+        Raises:
+            ResultError: a link leads nowhere, a file is missing, or the folder cannot be written.
+        """
+        require_writable(folder.parent)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as work:
+            new = Path(work, folder.name)
+            for address, text in self.render().items():
+                (new / address).parent.mkdir(parents=True, exist_ok=True)
+                (new / address).write_text(text, encoding="utf-8")
+            for name in sorted(self.files):
+                (new / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(existing(self.root / name), new / name)
+            shutil.rmtree(folder, ignore_errors=True)
+            new.rename(folder)

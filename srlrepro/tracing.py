@@ -1,71 +1,27 @@
 """What made a figure: its notebook, the stages before it, and the command that remakes it.
 
-How files hang together is read off the Snakefile (a forced dry run lists every job); what happened, off
-what the jobs wrote: parameters in executed notebooks, beside them code, versions, machine, time and memory.
+How files hang together is asked of the Snakefile (`jobs`); what happened, of what the jobs wrote: parameters
+in executed notebooks; code, versions, machine, time and memory in their records (`records`).
 """
 
 import json
 import re
 import shlex
-import subprocess
-import sys
-import tempfile
 from collections import Counter
-from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import pandas as pd
-
-from srlrepro.config import check
-from srlrepro.files import ResultError, read_json, write_json
+from srlrepro.config import Config, check
+from srlrepro.files import ResultError, read_json
+from srlrepro.jobs import ROOT, Job, maker, planned_jobs, stages
 from srlrepro.notebooks import parameters_of
 from srlrepro.plan import STUDIES, check_workflow, make_parser, plan
 from srlrepro.provenance import EVERYTHING, LEARNING, code_hash
+from srlrepro.records import records
 
-ROOT = Path(__file__).resolve().parent.parent
 PLACES = ("figures", "notebooks/executed", "results")
 INJECTED = "injected-parameters"  # papermill's tag
 HASH_SHOWN = 8  # digits of a hash that a table shows
-JOB = re.compile(
-    r"rule (?P<rule>\w+):\n    input: (?P<inputs>.*)\n    output: (?P<outputs>.*)\n"
-    r"(?:    .*\n)*Shell command: (?P<command>.*)"
-)
-
-
-class Job(NamedTuple):
-    """One executed notebook of the workflow; paths are relative to the checkout."""
-
-    rule: str
-    inputs: list[str]
-    outputs: list[str]
-    notebook: str
-    executed: str
-    parameters: dict[str, Any]
-
-
-def planned_jobs(config: dict[str, Any]) -> list[Job]:
-    """Every job of the workflow's configuration, whether its results are there or not.
-
-    Raises:
-        ResultError: the Snakefile refuses the configuration.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "workflow.json")
-        write_json(file, config)
-        command = [sys.executable, "-m", "snakemake", config.get("study") or "all", "--configfile", str(file)]
-        command += ["--dry-run", "--forceall", "--printshellcmds", "--nolock", "--nocolor", "--cores", "1"]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    if done.returncode:
-        reason = (done.stderr + done.stdout).strip().splitlines()[-1]
-        raise ResultError(f"this Snakefile refuses the configuration of {config['name']}: {reason}")
-    jobs = []
-    for found in JOB.finditer(done.stdout + done.stderr):
-        words = shlex.split(found["command"])
-        notebook, executed, _, parameters = words[words.index("execute") + 1 :][:4]
-        files = (found["inputs"].split(", "), found["outputs"].split(", "))
-        jobs.append(Job(found["rule"], *files, notebook, executed, json.loads(parameters)))
-    return jobs
 
 
 def command_line(config: dict[str, Any]) -> list[str] | None:
@@ -90,12 +46,17 @@ def command_line(config: dict[str, Any]) -> list[str] | None:
 
 
 def configurations(name: str) -> list[dict[str, Any]]:
-    """Configurations whose files lie in the folder ``name``: its own first; without results, the planned one.
+    """Configurations whose files lie in the folder ``name``: its own first; if that was not kept, as planned.
 
     Raises:
         ResultError: none is known.
     """
-    kept = [check_workflow(read_json(path)) for path in sorted(ROOT.glob("results/*/workflow.json"))]
+    found_in = {
+        path.parent.name: path
+        for place in ("figures", "results")
+        for path in sorted(ROOT.glob(f"{place}/*/workflow.json"))
+    }
+    kept = [check_workflow(read_json(path)) for path in found_in.values()]
     found = [config for config in kept if name in (config["name"], config.get("cells"))]
     if not any(config["name"] == name for config in found):
         seeds = re.fullmatch(r"seeds_(\d+)", name)
@@ -111,53 +72,6 @@ def configurations(name: str) -> list[dict[str, Any]]:
     return sorted(found, key=lambda config: config["name"] != name)
 
 
-@cache
-def _names(notebook: str) -> list[str]:
-    """Patterns of the file names in a notebook's code; parts in braces are filled in as it runs."""
-    cells = read_json(ROOT / notebook)["cells"]
-    code = "".join("".join(cell["source"]) + "\n" for cell in cells if cell["cell_type"] == "code")
-    texts = [text.rpartition("/")[2] for text in re.findall(r'"([^"\n]*)"', code)]
-    return [re.sub(r"\\\{.*?\\\}", ".+", re.escape(t)) for t in texts if re.match(r"\w", t)]
-
-
-def maker(path: str, jobs: list[Job]) -> Job | None:
-    """The job that makes a file: as one of its outputs, beside one of them, or by a name in its notebook."""
-    target = Path(path)
-    sources = makers(jobs)
-    if path in sources:
-        return sources[path]
-    for job in jobs:
-        if any(Path(output).with_suffix("") == target.with_suffix("") for output in job.outputs):
-            return job
-    for job in jobs:
-        folder = job.parameters.get("FIGURES", "").removeprefix("../")
-        if folder == target.parent.as_posix() and any(
-            re.fullmatch(name, text) for name in _names(job.notebook) for text in (target.stem, target.name)
-        ):
-            return job
-    return None
-
-
-def makers(jobs: list[Job]) -> dict[str, Job]:
-    """{output: the job that makes it}."""
-    return {output: job for job in jobs for output in job.outputs}
-
-
-def stages(job: Job, jobs: list[Job]) -> list[Job]:
-    """The job, and before it every job that its inputs come from."""
-    sources = makers(jobs)
-    found: dict[str, Job] = {}
-
-    def visit(current: Job) -> None:
-        for name in current.inputs:
-            if name in sources and sources[name].executed not in found:
-                visit(sources[name])
-        found[current.executed] = current
-
-    visit(job)
-    return list(found.values())
-
-
 def recorded_parameters(executed: Path) -> dict[str, Any]:
     """{name: value} that a notebook was executed with.
 
@@ -167,24 +81,19 @@ def recorded_parameters(executed: Path) -> dict[str, Any]:
     return parameters_of(executed, INJECTED)
 
 
-def record(job: Job) -> dict[str, Any]:
-    """What a job noted about itself: beside its notebook, or in run.json; empty if neither is there."""
-    beside_it = ROOT / Path(job.executed).with_suffix(".json")
-    if beside_it.is_file():
-        found: dict[str, Any] = read_json(beside_it)
-        return found
-    runs = [ROOT / output for output in job.outputs if output.endswith("/run.json")]
-    return read_json(runs[0])["provenance"] if runs and runs[0].is_file() else {}
+def changed_values(config: dict[str, Any]) -> dict[str, str]:
+    """{parameter: its value in a configuration, and here} where a default is another one in this version."""
+    here = json.loads(json.dumps(Config().with_values(**config["settings"]).as_dict()))
+    there = config["values"]
+    return {
+        name: f"{there.get(name)}, here {here.get(name)}"
+        for name in sorted(here.keys() | there.keys())
+        if here.get(name) != there.get(name)
+    }
 
 
-def _code(made: dict[str, Any]) -> str:
-    digest = made["code"]
-    same = digest in (code_hash(LEARNING), code_hash(EVERYTHING))
-    return f"{digest[:HASH_SHOWN]} {'(this)' if same else '(other)'}"
-
-
-def trace(file: Path) -> str:
-    """What made a figure, table or executed notebook, back to the command that remakes it.
+def find(file: Path) -> tuple[dict[str, Any], Job, list[Job]]:
+    """The configuration and the job that make a file of the results, and that job's `stages`.
 
     Raises:
         ParameterError: it is no file of the results, or nothing makes it.
@@ -200,41 +109,55 @@ def trace(file: Path) -> str:
         jobs = planned_jobs(config)
         job = maker(name, jobs)
         if job is not None:
-            break
-    check(job is not None, "FIGURE", file, "made by one of the notebooks")
-    assert job is not None
-    chain = stages(job, jobs)
-    records = {stage.executed: record(stage) for stage in chain}
-    made = {executed: found for executed, found in records.items() if found}
-    rows = [(name, _code(r), r["seconds"], r.get("peak_memory_mb", "")) for name, r in made.items()]
-    silent = Counter(stage.rule for stage in chain if stage.executed not in made)
-    arguments = command_line(config)
-    grid = f"./reproduce.sh {shlex.join(arguments)}".strip() if arguments is not None else ""
+            return config, job, stages(job, jobs)
+    check(False, "FIGURE", file, "made by one of the notebooks")
+    raise AssertionError
+
+
+def _count(chain: list[Job]) -> str:
+    return ", ".join(f"{n} × {rule}" for rule, n in Counter(stage.rule for stage in chain).items())
+
+
+def _code(digest: str) -> str:
+    same = digest in (code_hash(LEARNING), code_hash(EVERYTHING))
+    return f"{digest[:HASH_SHOWN]} {'(this)' if same else '(other)'}"
+
+
+def trace(file: Path) -> str:
+    """What made a figure, table or executed notebook, back to the command that remakes it, as text.
+
+    Raises:
+        ParameterError: it is no file of the results, or nothing makes it.
+        ResultError: what is needed to say so is missing.
+    """
+    config, job, chain = find(file)
     try:
         parameters, origin = recorded_parameters(ROOT / job.executed), "with the parameters"
     except ResultError as error:
         parameters, origin = job.parameters, f"not there ({error}); planned are the parameters"
     lines = [
-        name,
+        str(file),
         f"made by {job.notebook}, rule {job.rule}; executed: {job.executed}, {origin}",
         *(f"    {key} = {json.dumps(value, ensure_ascii=False)}" for key, value in parameters.items()),
-        "stages: " + ", ".join(f"{n} × {rule}" for rule, n in Counter(stage.rule for stage in chain).items()),
+        f"stages: {_count(chain)}",
     ]
-    if rows:
-        lines.append(
-            pd.DataFrame(rows, columns=["executed notebook", "code", "seconds", "MB"]).to_string(index=False)
-        )
-    for key in ("python", "versions", "machine"):
-        lines += sorted({f"{key}: {json.dumps(r[key], ensure_ascii=False)}" for r in made.values()})
+    made = records(config["name"], chain)
+    if len(made):
+        shown = made.assign(code=made["code"].map(_code))
+        lines.append(shown[["notebook", "run", "code", "seconds", "peak_memory_mb"]].to_string(index=False))
+    lines += [f"{key}: {text}" for key in ("python", "versions", "machine") for text in made[key].unique()]
+    silent = [stage for stage in chain if stage.executed not in set(made["notebook"])]
     if silent:
-        missing = ", ".join(f"{n} × {rule}" for rule, n in silent.items())
-        lines.append(f"no record here of code, machine, time and memory: {missing}")
+        lines.append(f"no record here of code, machine, time and memory: {_count(silent)}")
     summary = ROOT / "figures" / config["name"] / "run_time.json"
     if summary.is_file():
         lines.append(f"all of {config['name']}: {json.dumps(read_json(summary), ensure_ascii=False)}")
-    if not grid:
+    lines += [f"made with another default: {name} = {text}" for name, text in changed_values(config).items()]
+    arguments = command_line(config)
+    if arguments is None:
         return "\n".join([*lines, "remade by: no command of this version plans this configuration"])
-    alone = f".venv/bin/python -m snakemake {job.executed} --cores 1"
+    grid = shlex.join(["./reproduce.sh", *arguments])
+    alone = f".venv/bin/python -m snakemake {job.executed} --force --cores 1"
     alone += f" --configfile results/{config['name']}/workflow.json"
     lines += [f"remade, with all of {config['name']}, by: {grid}", f"alone by: {grid} --dry-run && {alone}"]
     return "\n".join(lines)

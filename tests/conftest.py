@@ -1,6 +1,7 @@
 """What the tests share. Every number is drawn from a seed or follows from a formula."""
 
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,9 +9,11 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from srlrepro.config import Config
+from srlrepro.documents import FIGURES
 from srlrepro.pendulum import Floats
 from srlrepro.safe_region import SafeRegion, learn
 from srlrepro.sampling import TrainingData, generate
@@ -65,3 +68,25 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for case in CASES:
         case.train(folders[case.name])
     return folders
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """End the report with how many bad inputs were tried, surface by surface."""
+    passed = terminalreporter.stats.get("passed", [])
+    rows = [value for report in passed for name, value in report.user_properties if name == "cases"]
+    if rows:
+        terminalreporter.write_line(pd.DataFrame(rows).to_string(index=False))
+
+
+@pytest.fixture
+def larger(tmp_path: Path) -> Path:
+    """Figures with the kept tables of the grid, and ten seeds of it by which every claim is partly so."""
+    for name in ("full", "seeds_10"):
+        (tmp_path / name).mkdir()
+        for path in (FIGURES / "full").glob("*.[cj]s*"):
+            shutil.copy(path, tmp_path / name)
+    claims = pd.read_csv(tmp_path / "full" / "claims.csv")
+    claims.assign(estimates="0.5 [0.4, 0.6]", n=10, verdict="partly").to_csv(
+        tmp_path / "seeds_10" / "claims.csv", index=False
+    )
+    return tmp_path

@@ -121,7 +121,7 @@ def test_label_of_a_state(capsys: pytest.CaptureFixture[str]) -> None:
             ["region", "--data", "d", "--out", "x", "--set", "hypothesis=nominal"],
             ("--out = x", "hypothesis = nominal"),
         ),
-        (["label", "--state", "nan", *["0"] * 5], ("x = NaN", "finite")),
+        (["label", "--state", "nan", *["0"] * 5], ("--state = nan", "finite")),
         (["execute", "a.ipynb", "b.ipynb", "--parameters", "{"], ("--parameters", "JSON")),
         (["import", "nowhere", "--name", "../x"], ("--name = ../x", "letters")),
         (["import", "nowhere", "--name", "full"], ("FOLDER = nowhere", "a folder")),

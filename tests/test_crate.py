@@ -14,7 +14,7 @@ from requests_cache import CachedSession
 from urllib3 import HTTPResponse
 
 from srlrepro.crate import PROCESS_RUN, describe
-from srlrepro.tracing import ROOT
+from srlrepro.jobs import ROOT
 
 CONTEXT = "https://w3id.org/ro/crate/1.1/context"
 TYPE = {"Content-Type": "application/ld+json"}
@@ -56,6 +56,19 @@ def test_every_file_of_the_crate_is_there_and_made_by_an_action(metadata: dict) 
     made = {r["@id"] for e in graph.values() if e["@type"] == "CreateAction" for r in e["result"]}
     assert {p.relative_to(ROOT).as_posix() for p in (ROOT / "figures" / "full").glob("*.png")} <= made
     assert graph["./"]["conformsTo"]["@id"] == PROCESS_RUN
+
+
+@pytest.mark.slow
+def test_the_same_results_give_the_same_crate(metadata: dict) -> None:
+    assert json.dumps(describe(("full",)).metadata.generate()) == json.dumps(metadata)
+
+
+def test_without_its_library_one_line_says_what_to_install() -> None:
+    code = "import sys; sys.modules['rocrate'] = None\n"
+    code += "from srlrepro.__main__ import main; sys.exit(main(['crate']))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert "pip install -r requirements-test.txt" in done.stderr
 
 
 @pytest.mark.slow

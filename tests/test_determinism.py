@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shutil import copyfile
 
 import pytest
 
@@ -11,17 +12,44 @@ from srlrepro.provenance import EVERYTHING, code_hash
 ROOT = Path(__file__).parent.parent
 
 
+def contents(folder: Path, *parts: str) -> dict[Path, bytes]:
+    """{path: bytes} of every file below parts of a folder."""
+    files = [path for part in parts for path in (folder / part).rglob("*.*")]
+    return {path.relative_to(folder): path.read_bytes() for path in files}
+
+
 @pytest.mark.slow
 def test_a_notebook_executed_twice_gives_the_same_bytes(tmp_path: Path) -> None:
+    """Simulated afresh, drawn, animated."""
     written = []
     for name in ("first", "second"):
         folder = tmp_path / name
         values = {"RESULTS": str(folder / "results"), "FIGURES": str(folder / "figures")}
         execute(ROOT / "notebooks" / "01_pendulum.ipynb", folder / "01_pendulum.ipynb", values)
-        files = [path for part in ("results", "figures") for path in (folder / part).rglob("*.*")]
-        written.append({path.relative_to(folder): path.read_bytes() for path in files})
+        written.append(contents(folder, "results", "figures"))
         made = json.loads((folder / "01_pendulum.json").read_text())
         assert made["parameters"] == values and made["code"] == code_hash(EVERYTHING)
         assert made["seconds"] > 0 and made["peak_memory_mb"] > 50 and made["machine"]["cores"] >= 1
     assert {path.suffix for path in written[0]} >= {".csv", ".png", ".pdf", ".gif"}
+    assert written[0] == written[1]
+
+
+@pytest.mark.slow
+def test_the_same_measures_give_the_same_verdict(tmp_path: Path) -> None:
+    """Tables with intervals and bootstraps, and the figure, of the kept grid: the same bytes twice."""
+    (tmp_path / "results" / "measures").mkdir(parents=True)
+    (tmp_path / "tables" / "measures").mkdir(parents=True)
+    copyfile(ROOT / "figures" / "full" / "measures.csv", tmp_path / "results" / "measures" / "all.csv")
+    written = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        places = {
+            "RESULTS": tmp_path / "results",
+            "TABLES": tmp_path / "tables",
+            "FIGURES": folder / "figures",
+        }
+        values = {key: str(path) for key, path in places.items()} | {"SETTINGS": {}, "SEEDS": [0, 1, 2]}
+        execute(ROOT / "notebooks" / "08_claims.ipynb", folder / "08_claims.ipynb", values)
+        written.append(contents(folder, "figures"))
+    assert {path.name for path in written[0]} >= {"verdict.png", "claims.csv", "final_performance.csv"}
     assert written[0] == written[1]

@@ -17,7 +17,9 @@ from srlrepro.files import (
     read_arrays,
     read_json,
     read_table,
+    remove_unfinished,
     require_writable,
+    sha256,
     write_arrays,
     write_json,
     write_table,
@@ -212,3 +214,21 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_a_writable_folder_is_made_and_left_empty(tmp_path: Path) -> None:
     require_writable(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_what_killed_writers_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    write_json(tmp_path / "deep" / "a-unfinished-b.json", 1)
+    killed = beside(tmp_path / "deep" / "a.json")
+    left = killed.__enter__()
+    (tmp_path / ".hidden.json").touch()
+    assert left.exists()
+    remove_unfinished(tmp_path)
+    found = {path.name for path in tmp_path.rglob("*.json")}
+    assert found == {"a-unfinished-b.json", ".hidden.json"}
+
+
+def test_a_digest_is_that_of_the_content(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    assert sha256(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    with pytest.raises(ResultError, match="missing result"):
+        sha256(tmp_path / "b")

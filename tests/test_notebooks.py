@@ -1,6 +1,7 @@
 """The notebooks: every one runs at smoke size by nbval, and "executed" cannot be faked."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -159,9 +160,11 @@ def test_executed_means_ran_with_the_parameters(small: Path) -> None:
     [
         ("1 / 0", "cell 1: ZeroDivisionError: division by zero"),
         ("import os\nos._exit(1)", "small.ipynb"),
+        ("import os, signal\nos.kill(os.getpid(), signal.SIGKILL)", "small.ipynb: Kernel died"),
+        ("import time\ntime.sleep(1000)", "small.ipynb: A cell timed out"),
         ("pass", "missing result"),
     ],
-    ids=["raises", "dies", "writes nothing"],
+    ids=["raises", "dies", "is killed", "hangs", "writes nothing"],
 )
 def test_a_failed_notebook_is_not_taken_for_executed(small: Path, source: str, message: str) -> None:
     notebook = nbformat.read(small, as_version=4)
@@ -169,17 +172,16 @@ def test_a_failed_notebook_is_not_taken_for_executed(small: Path, source: str, m
     nbformat.write(notebook, small)
     output = small.parent / "executed" / "small.ipynb"
     with pytest.raises(ResultError, match=message):
-        execute(small, output, {}, [small.parent / "result.txt"])
+        execute(small, output, {}, [small.parent / "result.txt"], limit=10)
     assert list(output.parent.iterdir()) == []
 
 
 @pytest.mark.slow
 def test_an_old_result_is_not_taken_for_a_new_one(small: Path) -> None:
-    import os
-
+    """Also where the clock says that it was written after the start."""
     old = small.parent / "old.txt"
     old.write_text("1")
-    os.utime(old, (1, 1))
+    os.utime(old, (2**32, 2**32))
     with pytest.raises(ResultError, match="left an old"):
         execute(small, small.parent / "executed" / "small.ipynb", {}, [old])
 

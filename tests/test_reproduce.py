@@ -12,6 +12,7 @@ import pytest
 
 from srlrepro import reproduce
 from srlrepro.config import Choices, ParameterError
+from srlrepro.files import ResultError
 from srlrepro.plan import CORES, STUDIES, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
@@ -41,6 +42,25 @@ def test_a_varied_grid_never_replaces_the_papers() -> None:
         planned("--seeds", "10", "--name", "full")
 
 
+def test_the_verdicts_larger_set_is_the_papers_grid() -> None:
+    assert planned("--seeds", "10", "--name", "seeds_10")["cells"] == "full"
+    for other in (["--alphas", "0"], ["--steps", "4096"], ["--seeds", "5"], ["--quick", "--seeds", "10"]):
+        with pytest.raises(ParameterError, match="another name"):
+            planned(*other, "--name", "seeds_10")
+
+
+def test_documents_that_cannot_be_rendered_fail_the_run_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(name: str) -> None:
+        raise ResultError(f"missing result {name}")
+
+    assert reproduce.tell("quick") == 0 and capsys.readouterr().out == ""
+    monkeypatch.setattr("srlrepro.report.refresh", missing)
+    assert reproduce.tell("full") == 1
+    assert capsys.readouterr().err.endswith("missing result full\n")
+
+
 def test_grids_with_other_seeds_alone_share_their_runs() -> None:
     more = planned("--seeds", "10")
     assert (more["name"], more["cells"]) == ("seeds_10", "full")
@@ -61,6 +81,8 @@ def test_grids_with_other_seeds_alone_share_their_runs() -> None:
         (["--seeds", "0"], "--seeds = 0"),
         (["--steps", "0"], "--steps = 0"),
         (["--cores", "0"], "--cores = 0"),
+        (["--limit", "0"], "--limit = 0.0"),
+        (["--limit", "inf"], "--limit = inf"),
         (["--set", "p_t=2"], "p_t = 2"),
         (["--set", "colour=red"], "no such parameter"),
         (["--name", "../x"], "--name = ../x"),
@@ -91,6 +113,10 @@ def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         pass
 
 
+def test_no_progress_is_told_where_nothing_was_done() -> None:
+    assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
+
+
 def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str]) -> None:
     lines = io.StringIO(
         "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
@@ -99,25 +125,6 @@ def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str
     assert reproduce.follow(lines, log)
     out = capsys.readouterr().out
     assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
-
-
-def test_the_time_of_results_is_that_of_all_sittings(tmp_path: Path) -> None:
-    assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
-    file = tmp_path / "run_time.json"
-    for minutes, total, sittings in ((2.0, 2.0, 1), (0.5, 2.5, 2)):
-        timing = reproduce.add_time(file, minutes, cores=2)
-        assert timing == json.loads(file.read_text())
-        assert (timing["minutes"], timing["sittings"], timing["cores"]) == (total, sittings, 2)
-
-
-def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) -> None:
-    for seed, seconds in enumerate((1800, 3600, 7200)):
-        (tmp_path / f"run_{seed}").mkdir()
-        result = {"run": {"seed": seed}, "provenance": {"seconds": seconds, "peak_memory_mb": 500 + seed}}
-        (tmp_path / f"run_{seed}" / "run.json").write_text(json.dumps(result))
-    assert reproduce.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
-    assert reproduce.spent(tmp_path)["trainings"] == 3
-    assert reproduce.spent(tmp_path / "nowhere", [0])["trainings"] == 0
 
 
 def test_jobs_run_here_or_on_slurm() -> None:

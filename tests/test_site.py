@@ -70,6 +70,7 @@ def checkout(tmp_path: Path) -> Path:
     (root / "README.md").write_text(
         "# All\n\n[b](#the-b) [a](notebooks/executed/full/01_a.ipynb)\n\n## The *b*\n"
     )
+    (root / "REPORT.md").write_text("# Report\n\n[all](README.md#the-b)\n")
     (root / "docs" / "claims.md").write_text("# Claims\n\n[all](../README.md#the-b)\n")
     return root
 
@@ -97,6 +98,36 @@ def test_a_link_that_leads_nowhere_is_refused(url: str, checkout: Path, tmp_path
     assert not (tmp_path / "site").exists()
 
 
+def test_documents_and_results_that_come_later_are_taken_in(checkout: Path, tmp_path: Path) -> None:
+    """A report beside the README, and the figures of another kept set; the index leads to both."""
+    (checkout / "REPORT.md").write_text("# What we found\n\n![](figures/seeds_10/curve.png)\n")
+    shutil.copytree(checkout / "figures" / "full", checkout / "figures" / "seeds_10")
+    Site(checkout).write(tmp_path / "site")
+    index = (tmp_path / "site" / "index.html").read_text()
+    assert 'href="./REPORT.html">What we found</a>' in index and 'src="figures/seeds_10/curve.png"' in index
+    assert wrong_links(tmp_path / "site") == []
+
+
+def test_the_parameters_shown_are_those_that_held(checkout: Path, tmp_path: Path) -> None:
+    notebook = nbformat.v4.new_notebook()
+    for text, tag in (("SEED = 1", "parameters"), ("SEED = 2", "injected-parameters")):
+        notebook.cells.append(nbformat.v4.new_code_cell(text, metadata={"tags": [tag]}))
+    nbformat.write(notebook, checkout / "notebooks" / "executed" / "full" / "02_b.ipynb")
+    Site(checkout).write(tmp_path / "site")
+    page = (tmp_path / "site" / "notebooks" / "executed" / "full" / "02_b.html").read_text()
+    shown = BeautifulSoup(page, "html.parser").get_text()
+    assert "SEED = 2" in shown and "SEED = 1" not in shown
+
+
+def test_a_site_that_cannot_be_made_leaves_the_old_one(checkout: Path, tmp_path: Path) -> None:
+    Site(checkout).write(tmp_path / "site")
+    (checkout / "figures" / "full" / "curve.csv").unlink()
+    with pytest.raises(ResultError, match=r"curve.csv"):
+        Site(checkout).write(tmp_path / "site")
+    assert wrong_links(tmp_path / "site") == []
+    assert [path.name for path in tmp_path.iterdir() if path.name != "checkout"] == ["site"]
+
+
 def test_an_old_site_is_replaced(checkout: Path, tmp_path: Path) -> None:
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "old.html").write_text("old")
@@ -117,7 +148,8 @@ def test_the_whole_site_is_complete_and_the_same_each_time(built: Path, tmp_path
     """A page for every executed notebook that is kept; no script; twice the same bytes."""
     executed = [p for name in KEPT for p in (ROOT / "notebooks" / "executed" / name).rglob("[!.]*.ipynb")]
     pages = list(built.rglob("*.html"))
-    assert wrong_links(built) == [] and len(pages) == len(executed) + 2
+    texts = [path for folder in (ROOT, ROOT / "docs") for path in folder.glob("*.md")]
+    assert wrong_links(built) == [] and len(pages) == len(executed) + len(texts)
     assert not any("<script" in page.read_text() for page in pages)
     Site(ROOT).write(tmp_path / "again")
     files = sorted(p.relative_to(built) for p in built.rglob("*") if p.is_file())

@@ -1,19 +1,15 @@
 """The workflow on a real Slurm of one node: the same tables as here, even where it loses the node."""
 
-import os
-import shutil
-import subprocess
-import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from checkouts import copy_sources, start, tables
 from cluster import Cluster, missing
 
-ROOT = Path(__file__).parent.parent.parent
 GRID = ["--alphas", "0", "none", "--deltas", "1.1", "--seeds", "1", "--steps", "2048"]
-SMALL = ["--set", "k=200", "random_rollouts=200"]
+GRID += ["--set", "k=200", "random_rollouts=200"]
 LIMIT = 7200.0  # s for the grid; a machine that has nothing else to do takes minutes
 
 needs_slurm = pytest.mark.skipif(
@@ -28,26 +24,8 @@ needs_plugin = pytest.mark.skipif(
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A copy of the sources, with this environment as its ``.venv``."""
-    for name in ("srlrepro", "notebooks", "profiles", "rules"):
-        ignored = shutil.ignore_patterns("executed", "__pycache__")
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=ignored)
-    shutil.copy(ROOT / "Snakefile", tmp_path)
-    (tmp_path / ".venv").symlink_to(sys.prefix)
-    return tmp_path
-
-
-def start(checkout: Path, environment: dict[str, str], *options: str) -> subprocess.Popen[bytes]:
-    """The driver on the small grid in a checkout."""
-    command = [str(checkout / ".venv" / "bin" / "python"), "-m", "srlrepro.reproduce", *options]
-    paths = {"PYTHONPATH": str(checkout)}
-    return subprocess.Popen([*command, *GRID, *SMALL], cwd=checkout, env=environment | paths)
-
-
-def tables(checkout: Path, name: str) -> dict[str, bytes]:
-    """{path below the results or figures of that name: bytes} of every table."""
-    folders = (checkout / "results" / name, checkout / "figures" / name)
-    return {str(p.relative_to(f)): p.read_bytes() for f in folders for p in f.rglob("*.csv")}
+    """A copy of the sources."""
+    return copy_sources(tmp_path)
 
 
 @needs_slurm
@@ -71,9 +49,9 @@ def test_the_cluster_runs_jobs_and_survives_its_node(tmp_path: Path) -> None:
 def test_the_grid_has_the_same_tables_though_its_node_is_lost(
     checkout: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    assert start(checkout, dict(os.environ), "--name", "here", "--cores", "2").wait(LIMIT) == 0
+    assert start(checkout, "--name", "here", "--cores", "2", *GRID).wait(LIMIT) == 0
     with Cluster(tmp_path_factory.mktemp("slurm")) as cluster:
-        driver = start(checkout, cluster.environment, "--name", "there", "--slurm")
+        driver = start(checkout, "--name", "there", "--slurm", *GRID, environment=cluster.environment)
         try:
             data = checkout / "results" / "there" / "data_0" / "alpha_0" / "training_data.npz"
             while not data.exists() and driver.poll() is None:  # the first result: others are under way

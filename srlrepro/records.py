@@ -1,0 +1,57 @@
+"""What made each result: code, versions, machine, time and memory, as each job noted them.
+
+A job notes them beside its executed notebook, and each training in run.json. Git ignores most of both, so a
+table beside the figures keeps them: whoever reads a figure has the record of every stage before it.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from srlrepro.files import read_json, read_table, write_json, write_table
+from srlrepro.jobs import ROOT, Job, planned_jobs
+
+COLUMNS = ("notebook", "run", "code", "python", "versions", "machine", "seconds", "peak_memory_mb")
+
+
+def table_of(name: str) -> Path:
+    """The table that is kept of the results ``name``."""
+    return ROOT / "figures" / name / "records.csv"
+
+
+def _row(job: Job, run: str, made: dict[str, Any]) -> dict[str, Any]:
+    texts = {key: ", ".join(f"{k} {v}" for k, v in made[key].items()) for key in ("versions", "machine")}
+    return {"notebook": job.executed, "run": run} | {name: made[name] for name in COLUMNS[2:]} | texts
+
+
+def noted(job: Job) -> list[dict[str, Any]]:
+    """What a job has noted here, a row for its notebook and one for each training; results made before
+    notebooks were timed have the latter alone."""
+    beside_it = ROOT / Path(job.executed).with_suffix(".json")
+    rows = [_row(job, "", read_json(beside_it))] if beside_it.is_file() else []
+    for folder in sorted({(ROOT / output).parent for output in job.outputs}):
+        for file in (folder / "run.json", *sorted(folder.glob("runs/*/run.json"))):
+            if file.is_file():
+                rows.append(_row(job, file.parent.name, read_json(file)["provenance"]))
+    return rows
+
+
+def records(name: str, jobs: list[Job]) -> pd.DataFrame:
+    """Rows of `COLUMNS` for jobs of the results ``name``: what each noted here, else what is kept of it."""
+    kept = read_table(table_of(name), COLUMNS) if table_of(name).is_file() else pd.DataFrame(columns=COLUMNS)
+    rows: list[dict[Any, Any]] = []
+    for job in jobs:
+        rows += noted(job) or kept[kept["notebook"] == job.executed].fillna("").to_dict("records")
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def keep(config: dict[str, Any]) -> None:
+    """Write, beside the figures of a workflow's configuration, what made them: the configuration, which has
+    the value of every parameter (workflow.json), and the records of all jobs.
+
+    Raises:
+        ResultError: its jobs cannot be listed, or a file cannot be written.
+    """
+    write_json(table_of(config["name"]).with_name("workflow.json"), config)
+    write_table(table_of(config["name"]), records(config["name"], planned_jobs(config)))

@@ -1,0 +1,309 @@
+"""Files from elsewhere: damaged, foreign or made to harm, they are refused in one line and run nothing."""
+
+import ast
+import base64
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Learned
+from runs import FREE, STOCK
+from stable_baselines3 import PPO
+
+from srlrepro import files
+from srlrepro.__main__ import main
+from srlrepro.behaviour import load_policy
+from srlrepro.commands import load_training_data
+from srlrepro.config import ParameterError
+from srlrepro.files import ResultError, read_arrays, read_json, read_table
+from srlrepro.notebooks import check_parameters, parameters_of
+from srlrepro.plan import check_workflow, make_parser, plan
+from srlrepro.safe_region import FORMAT, SafeRegion
+from srlrepro.training import VISITED_FORMAT, make_env, make_learner
+
+ROOT = Path(__file__).parent.parent
+SOURCES = sorted([*ROOT.glob("srlrepro/*.py"), *ROOT.glob("benchmarks/*.py"), ROOT / "Snakefile"])
+NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
+DAMAGES = 60  # of each file: half of them cut short, half with some bytes changed
+
+
+def damaged(content: bytes, rng: np.random.Generator) -> Iterator[bytes]:
+    """A file's content, cut somewhere or with up to eight bytes changed."""
+    for n in range(DAMAGES):
+        if n % 2:
+            yield content[: rng.integers(len(content))]
+            continue
+        changed = bytearray(content)
+        for position in rng.integers(len(content), size=rng.integers(1, 9)):
+            changed[position] ^= int(rng.integers(1, 256))
+        yield bytes(changed)
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The archive of an untrained learner."""
+    path = tmp_path_factory.mktemp("policy") / "policy.zip"
+    make_learner(make_env(FREE, STOCK, None), STOCK, seed=5).save(path)
+    return path
+
+
+def weights(learner: Any) -> bytes:
+    return b"".join(value.numpy().tobytes() for value in learner.policy.state_dict().values())
+
+
+def test_a_damaged_file_is_refused_or_reads_as_it_was(
+    small: Learned, policy: Path, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Archives carry check sums; text does not, so that a changed digit is another value."""
+    data, region = small
+    data.save(tmp_path / "data.npz")
+    region.save(tmp_path / "region.npz")
+    workflow = plan(make_parser().parse_args([]))
+    (tmp_path / "workflow.json").write_text(json.dumps(workflow))
+    (tmp_path / "trials.csv").write_text("step,return,outcome\n" + "64,1.5,time limit\n" * 40)
+    (tmp_path / "policy.zip").write_bytes(policy.read_bytes())
+    (tmp_path / "notebook.ipynb").write_bytes(NOTEBOOKS[4].read_bytes())
+    fresh = make_learner(make_env(FREE, STOCK, None), STOCK, seed=6)
+    readers: dict[str, Callable[[Path], Any]] = {
+        "data.npz": lambda path: load_training_data(path).x.tobytes(),
+        "region.npz": lambda path: SafeRegion.load(path).digest(),
+        "policy.zip": lambda path: weights(load_policy(path, fresh)),
+        "workflow.json": lambda path: check_workflow(read_json(path)),
+        "trials.csv": lambda path: read_table(path, ("step", "return"), numbers=("step", "return")),
+        "notebook.ipynb": parameters_of,
+    }
+    for name, reader in readers.items():
+        path, refused = tmp_path / name, 0
+        content, whole = path.read_bytes(), reader(path)
+        for spoilt in damaged(content, rng):
+            path.write_bytes(spoilt)
+            try:
+                found = reader(path)
+            except (ResultError, ParameterError) as error:
+                assert str(error).isprintable()
+                refused += 1
+            else:
+                assert path.suffix not in (".npz", ".zip") or found == whole, name
+        assert refused > DAMAGES / 4, name
+
+
+def with_part(path: Path, name: str, content: bytes) -> None:
+    """Write an archive's part again."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {part: archive.read(part) for part in archive.namelist()} | {name: content}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for part, data in parts.items():
+            archive.writestr(part, data)
+
+
+def header(descr: str, shape: str) -> bytes:
+    """An array without its data, whose header promises them."""
+    text = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+
+
+HARMFUL = {
+    "more than there is": header("'<f8'", "(1000000000000000,)"),
+    "more than can be counted": header("'<f8'", "(99999999999999999999, 6)"),
+    "a negative shape": header("'<f8'", "(-1, 6)"),
+    "a nested header": header("(" * 4000, "()"),
+    "an object": header("'|O'", "(1,)") + pickle.dumps([print]),
+}
+ODD = {
+    "complex": np.zeros((3, 6), complex),
+    "dates": np.zeros((3, 6), "M8[s]"),
+    "records": np.zeros(3, [("a", "f8")]),
+    "swapped bytes": np.zeros((3, 6), ">f8"),
+    "bytes": np.zeros(3, "S4"),
+}
+
+
+@pytest.mark.parametrize("kind", [*HARMFUL, *ODD])
+def test_an_array_of_another_kind_is_refused(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "visited.npz"
+    files.write_arrays(path, VISITED_FORMAT, x=ODD.get(kind, np.zeros(1)))
+    if kind in HARMFUL:
+        with_part(path, "x.npy", HARMFUL[kind])
+    with pytest.raises(ResultError, match=r"visited\.npz"):
+        read_arrays(path, VISITED_FORMAT, ("x",))
+
+
+def test_what_is_too_large_is_not_read(policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file, what it unpacks to, and what the archives in an archive unpack to."""
+    monkeypatch.setattr(files, "LARGEST", 100_000)
+    path, inner = tmp_path / "a.npz", io.BytesIO()
+    files.write_arrays(path, VISITED_FORMAT, x=np.zeros(50_000))
+    with pytest.raises(ResultError, match="unpacks to 4"):
+        read_arrays(path, VISITED_FORMAT, ("x",))
+    for read in (read_json, lambda p: read_table(p, ()), parameters_of):
+        (tmp_path / "a").write_bytes(b"1" * 100_001)
+        with pytest.raises(ResultError, match="has 100001 bytes, more than 100000"):
+            read(tmp_path / "a")
+    with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("data.pkl", bytes(200_000))
+    with zipfile.ZipFile(tmp_path / "policy.zip", "w") as archive:
+        archive.writestr("policy.pth", inner.getvalue())
+    with pytest.raises(ResultError, match="unpacks to 200000"):
+        load_policy(tmp_path / "policy.zip", make_learner(make_env(FREE, STOCK, None), STOCK, seed=6))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        '{"a":' * 50_000,
+        '{"a": 1, "a": 2}',
+        "[NaN]",
+        "-Infinity",
+        "9" * 5000,
+        "\ufeff{}",
+        "{}\n{}",
+    ],
+)
+def test_json_that_others_would_not_read_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(text, encoding="utf-8")
+    for read in (read_json, parameters_of):
+        with pytest.raises(ResultError, match=r"run\.json is truncated or not JSON"):
+            read(tmp_path / "run.json")
+
+
+def test_a_table_with_words_for_numbers_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("step,outcome\n1,x\ntwo,y\n")
+    with pytest.raises(ResultError, match="no numbers in the columns step"):
+        read_table(tmp_path / "a.csv", ("outcome",), numbers=("step",))
+
+
+class Trap:
+    """Unpickled, it makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_a_policy_is_read_without_its_pickles(policy: Path, tmp_path: Path) -> None:
+    """The trap is one: stable-baselines3's own ``load`` runs it."""
+    path, mark = tmp_path / "policy.zip", tmp_path / "mark"
+    path.write_bytes(policy.read_bytes())
+    data = json.loads(zipfile.ZipFile(path).read("data"))
+    trap = base64.b64encode(pickle.dumps(Trap(mark))).decode()
+    data["policy_class"] = {":type:": "x", ":serialized:": trap}
+    with_part(path, "data", json.dumps(data).encode())
+    fresh = make_learner(make_env(FREE, STOCK, None), STOCK, seed=6)
+    assert weights(fresh) != weights(PPO.load(policy, device="cpu"))
+    assert weights(load_policy(path, fresh)) == weights(PPO.load(policy, device="cpu"))
+    assert not mark.exists()
+    with pytest.raises(Exception):  # noqa: B017  (what Path.touch returns is no class of policies)
+        PPO.load(path, device="cpu")
+    assert mark.exists()
+    with_part(path, "policy.pth", pickle.dumps(Trap(tmp_path / "other")))
+    with pytest.raises(ResultError, match=r"policy\.zip"):
+        load_policy(path, fresh)
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_checkpoint_is_read_only_if_it_is_trusted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "checkpoint.zip").write_bytes(b"no checkpoint")
+    line = ["train", "--alpha", "none", "--delta", "1.5", "--steps", "64", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as stop:
+        main(line)
+    error = capsys.readouterr().err
+    assert stop.value.code == 2 and error.count("\n") == 1
+    assert str(tmp_path) in error and "--trust-checkpoint (its pickles can run any code" in error
+    assert main([*line, "--trust-checkpoint"]) == 1
+    assert "not a checkpoint" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.zip"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("name", "../x"),
+        ("name", None),
+        ("cells", "/etc"),
+        ("alphas", ["0", "../../x"]),
+        ("alphas", ["0.50"]),
+        ("alphas", "01"),
+        ("deltas", [1.1, "x"]),
+        ("deltas", [float("inf")]),
+        ("deltas", [True]),
+        ("seeds", [-1]),
+        ("seeds", 3),
+        ("steps", 1e6),
+        ("settings", {"k": "5"}),
+        ("settings", {"self": 1}),
+        ("settings", []),
+        ("values", {}),
+        ("study", "x"),
+    ],
+)
+def test_a_foreign_configuration_is_refused_by_name(name: str, value: Any) -> None:
+    config = plan(make_parser().parse_args(["--quick"]))
+    assert check_workflow(config) == config
+    with pytest.raises(ParameterError):
+        check_workflow(config | {name: value})
+    for foreign in ([], None, "full", {}):
+        with pytest.raises(ParameterError, match=r"workflow\.json"):
+            check_workflow(foreign)
+
+
+@pytest.mark.parametrize("folder", ["../x", "/x", "..", "", "a/../..", "a\0"])
+def test_names_of_notebooks_lead_nowhere_else(folder: str) -> None:
+    by_name = {path.stem[:2]: path for path in NOTEBOOKS}
+    for number, given in (
+        ("13", {"ID": folder}),
+        ("06", {"RUNS": ["alpha_0__delta_1.1__seed_0", folder]}),
+        ("14", {"UNIVERSES": [folder]}),
+        ("15", {"UNIVERSES": {"tsne": folder}}),
+    ):
+        with pytest.raises(ParameterError, match="the name of a folder"):
+            check_parameters(by_name[number], given)
+
+
+def test_whatever_region_is_read_can_be_asked(small: Learned, tmp_path: Path) -> None:
+    path, region = tmp_path / "region.npz", small[1]
+    region.save(path)
+    with np.load(path) as archive:
+        stored = {key: value for key, value in archive.items() if key != "format"}
+    expected = region.safety(np.zeros((1, 6)))
+    for name in ("array_x_train", "array_y_train", "array_gamma"):
+        for change in (np.asfortranarray, lambda v: v.astype(np.float32), lambda v: v > 0):
+            files.write_arrays(path, FORMAT, **{**stored, name: change(stored[name])})
+            found = SafeRegion.load(path).safety(np.zeros((1, 6)))
+            assert found.shape == expected.shape and 0 <= found[0] < 1
+
+
+def code(path: Path) -> Iterator[ast.AST]:
+    """The syntax tree of a module, or of a notebook's cells."""
+    if path.suffix == ".ipynb":
+        cells = json.loads(path.read_text())["cells"]
+        text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    else:
+        text = path.read_text() if path.suffix else ""
+    yield from ast.walk(ast.parse(text))
+
+
+def test_nothing_else_reads_what_could_run_code() -> None:
+    """Beside the linter's rules: numpy's and torch's readers, and stable-baselines3's, which unpickles."""
+    found = []
+    for path in [*SOURCES, *NOTEBOOKS]:
+        for node in code(path):
+            if not isinstance(node, ast.Call):
+                continue
+            name, options = ast.unparse(node.func), {k.arg: ast.unparse(k.value) for k in node.keywords}
+            reader = name in ("eval", "exec", "torch.load", "pd.read_pickle", "yaml.load")
+            array = name == "np.load" and options.get("allow_pickle") != "False"
+            learner = name.endswith(".load") and set(options) & {"device", "env", "custom_objects"}
+            if reader or array or learner:
+                found.append((path.name, name))
+    assert found == [("checkpoint.py", "type(fresh).load")]
