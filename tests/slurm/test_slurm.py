@@ -14,11 +14,11 @@ LIMIT = 7200.0  # s for the grid; a machine that has nothing else to do takes mi
 
 needs_slurm = pytest.mark.skipif(
     bool(missing()),
-    reason=f"no {', '.join(missing())}: apt-get install --no-install-recommends slurm-wlm munge",
+    reason=f"no {', '.join(missing())}: tests/slurm/run.sh installs Slurm and runs these tests",
 )
 needs_plugin = pytest.mark.skipif(
     find_spec("snakemake_executor_plugin_slurm") is None,
-    reason="no plugin: pip install -r requirements-slurm.txt",
+    reason="no plugin of Snakemake for Slurm: tests/slurm/run.sh installs it and runs these tests",
 )
 
 
