@@ -58,7 +58,7 @@ def measure(cells: int) -> dict[str, float]:
     seeds = cells // (len(ALPHAS) * len(DELTAS))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for name in ("srlrepro", "notebooks"):
+        for name in ("srlrepro", "notebooks", "rules"):
             shutil.copytree(
                 ROOT / name, folder / name, ignore=shutil.ignore_patterns("executed", "__pycache__")
             )
@@ -73,7 +73,7 @@ def measure(cells: int) -> dict[str, float]:
             path = folder / line[column]
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
-        snakemake(folder, "--touch", "--forceall")
+        snakemake(folder, "--touch", "--forceall", "--cores", str(cells))  # all at once
         said, idle = snakemake(folder)
     if "Nothing to be done" not in said:
         raise RuntimeError(f"{cells} cells: something was left to do")

@@ -55,7 +55,8 @@ def describe(names: tuple[str, ...] = KEPT) -> ROCrate:
         return crate.get(path) or crate.add_file(ROOT / path, path, properties=named, record_size=True)
 
     code = {"@type": ["File", "SoftwareSourceCode"]}
-    add("Snakefile", **code)
+    for source in ("Snakefile", *sorted(f"rules/{file.name}" for file in (ROOT / "rules").glob("*.smk"))):
+        add(source, **code)
     for name in names:
         folders = [ROOT / "figures" / name, ROOT / "notebooks" / "executed" / name]
         found = [path for folder in folders for path in sorted(folder.rglob("[!.]*.*")) if path.is_file()]

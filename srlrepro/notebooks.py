@@ -170,7 +170,7 @@ def execute(
         for path, old in zip(results, before, strict=True):
             if _written(existing(path)) == old:
                 raise ResultError(f"{notebook.name} left an old {path} in place")
-        _forget_machine(executed)
+        forget_machine(executed)
         nbformat.write(executed, temporary)
         made = provenance(time.monotonic() - started, EVERYTHING, resource.RUSAGE_CHILDREN)
         digests = {str(path): sha256(path) for path in results if path.suffix in WITHOUT_CHECKSUM}
@@ -210,7 +210,7 @@ def require_undamaged(folders: Iterable[Path], root: Path) -> None:
         raise ResultError(f"{name}{others} is not as {writer} wrote it: delete it to have it made again")
 
 
-def _forget_machine(notebook: Any) -> None:
+def forget_machine(notebook: Any) -> None:
     """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
     notebook.metadata.pop("papermill", None)
     for cell in notebook.cells:

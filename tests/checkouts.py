@@ -30,7 +30,7 @@ def _share_compiled(checkout: Path) -> None:
 
 def copy_sources(folder: Path) -> Path:
     """Make a checkout in an empty folder."""
-    for name in ("srlrepro", "notebooks", "profiles"):
+    for name in ("srlrepro", "notebooks", "profiles", "rules"):
         ignored = shutil.ignore_patterns("executed", "__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     shutil.copy(ROOT / "Snakefile", folder)

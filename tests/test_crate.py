@@ -74,7 +74,7 @@ def test_without_its_library_one_line_says_what_to_install() -> None:
 @pytest.mark.slow
 def test_the_crate_is_valid(metadata: dict, cache: Path, tmp_path: Path) -> None:
     """By all required checks of Process Run Crate 0.5 and RO-Crate 1.1, on which it rests; none skipped."""
-    for path in ("figures", "notebooks", "srlrepro", "Snakefile"):
+    for path in ("figures", "notebooks", "srlrepro", "Snakefile", "rules"):
         (tmp_path / path).symlink_to(ROOT / path)
     (tmp_path / "ro-crate-metadata.json").write_text(json.dumps(metadata))
     report = tmp_path / "report.json"
