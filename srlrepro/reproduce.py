@@ -171,7 +171,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace) -> int:
         shown = ROOT / "figures" / config["name"] / "run_time.json"
         shown.parent.mkdir(parents=True, exist_ok=True)
         shown.write_text(json.dumps(timing, indent=1) + "\n")
-    if worked or (status == 0 and not table_of(config["name"]).exists()):
+    if status == 0 and (worked or not table_of(config["name"]).exists()):
         keep(config)
     if status == INTERRUPTED:
         print("reproduce.sh: stopped. Start again to go on.")
