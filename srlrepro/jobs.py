@@ -36,7 +36,7 @@ class Job(NamedTuple):
 
 
 def planned_jobs(config: dict[str, Any]) -> list[Job]:
-    """Every job of the workflow's configuration, whether its results are there or not.
+    """Every job of the workflow's configuration, by the name of its notebook, whether it has results or not.
 
     Raises:
         ResultError: the Snakefile refuses the configuration, or Snakemake does not list its jobs as expected.
@@ -59,7 +59,7 @@ def planned_jobs(config: dict[str, Any]) -> list[Job]:
         jobs.append(Job(found["rule"], *files, notebook, executed, parameters))
     if not jobs:
         raise ResultError(f"Snakemake lists no jobs of {config['name']} that can be read")
-    return jobs
+    return sorted(jobs, key=lambda job: job.executed)
 
 
 def makers(jobs: list[Job]) -> dict[str, Job]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from srlrepro.files import read_json, read_table, write_json, write_table
+from srlrepro.files import read_json, write_json
 from srlrepro.jobs import ROOT, Job, planned_jobs
 
 COLUMNS = ("notebook", "run", "code", "python", "versions", "machine", "seconds", "peak_memory_mb")
@@ -17,7 +17,7 @@ COLUMNS = ("notebook", "run", "code", "python", "versions", "machine", "seconds"
 
 def table_of(name: str) -> Path:
     """The table that is kept of the results ``name``."""
-    return ROOT / "figures" / name / "records.csv"
+    return ROOT / "figures" / name / "records.json"
 
 
 def _row(job: Job, run: str, made: dict[str, Any]) -> dict[str, Any]:
@@ -39,10 +39,10 @@ def noted(job: Job) -> list[dict[str, Any]]:
 
 def records(name: str, jobs: list[Job]) -> pd.DataFrame:
     """Rows of `COLUMNS` for jobs of the results ``name``: what each noted here, else what is kept of it."""
-    kept = read_table(table_of(name), COLUMNS) if table_of(name).is_file() else pd.DataFrame(columns=COLUMNS)
-    rows: list[dict[Any, Any]] = []
+    kept = read_json(table_of(name)) if table_of(name).is_file() else []
+    rows: list[dict[str, Any]] = []
     for job in jobs:
-        rows += noted(job) or kept[kept["notebook"] == job.executed].fillna("").to_dict("records")
+        rows += noted(job) or [row for row in kept if row["notebook"] == job.executed]
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -54,4 +54,5 @@ def keep(config: dict[str, Any]) -> None:
         ResultError: its jobs cannot be listed, or a file cannot be written.
     """
     write_json(table_of(config["name"]).with_name("workflow.json"), config)
-    write_table(table_of(config["name"]), records(config["name"], planned_jobs(config)))
+    rows = records(config["name"], planned_jobs(config)).to_dict("records")
+    write_json(table_of(config["name"]), rows)

@@ -188,7 +188,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
     if interrupted:
         print("reproduce.sh: stopped. Start again to go on.")
         return INTERRUPTED
-    if worked or (status == 0 and not table_of(config["name"]).exists()):
+    if status == 0 and (worked or not table_of(config["name"]).exists()):
         keep(config)
     if status:
         log_name = f"results/{config['name']}/snakemake.log"

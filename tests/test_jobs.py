@@ -12,7 +12,7 @@ from srlrepro.jobs import Job
 from srlrepro.plan import make_parser, plan
 
 ROOT = Path(__file__).parent.parent
-OF_THE_WORKFLOW = ["records.csv", "run_time.json", "workflow.json"]  # written by reproduce.sh itself
+OF_THE_WORKFLOW = ["records.json", "run_time.json", "workflow.json"]  # written by reproduce.sh itself
 
 
 @pytest.fixture(scope="module")
