@@ -115,12 +115,12 @@ def test_killed_at_random_moments_nothing_is_lost(
         before, kept, killed = disturbed.reached(stage), True, False
         while disturbed.reached(stage) <= before:
             kept = disturbed.go_on() and kept
-            time.sleep(0.05)
+            time.sleep(0.2)
         time.sleep(later)
         while not killed:
             kept = disturbed.go_on() and kept
             killed = kill(victim, checkout)
-            time.sleep(0.05)
+            time.sleep(0.2)
         when = f"{later:.1f} s after the stage {stage}, {len(disturbed.finished)} runs finished before"
         print(f"{n + 1}: {victim} of {disturbed.name} killed {when}", flush=True)
         if victim in ("workflow", "driver"):
