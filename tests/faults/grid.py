@@ -74,7 +74,7 @@ def seconds_until(condition: Callable[[], bool], limit: float) -> float:
     while not condition():
         if time.monotonic() - began > limit:
             raise TimeoutError(f"not within {limit:g} s")
-        time.sleep(0.05)
+        time.sleep(0.2)
     return time.monotonic() - began
 
 

@@ -1,8 +1,11 @@
-"""kill -9 at random moments: what is finished is not made again, and in the end all is as without a fault."""
+"""kill -9 at random moments: what is finished is not made again, and in the end all is as without a fault.
 
-import json
+Moments are drawn by what the workflow has reached, so that they meet every stage on fast and slow machines.
+"""
+
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import grid
@@ -14,7 +17,14 @@ from runs import products
 
 VICTIMS = ("kernel", "notebook", "workflow", "driver")  # the kernel is what trains
 SEED = 7
-SHARE = 0.4  # of the time of a whole grid: the longest wait before a kill, so that kills meet every stage
+# what is waited for: a kernel starts, a training writes a checkpoint or its result, a notebook is executed
+STAGES = {
+    "kernel": "",
+    "checkpoint": "results/{name}/checkpoints/*.zip",
+    "result": "results/{name}/runs/*/run.json",
+    "notebook": "notebooks/executed/{name}/**/[!.]*.ipynb",
+}
+LATER = 3.0  # s at most between that and the kill
 SITTINGS = (
     4  # in which a grid that is no longer disturbed has to end; one is spent on what the last kill left
 )
@@ -71,10 +81,15 @@ class Disturbed:
             self._begin()
         return kept
 
-    def under_way(self) -> tuple[int, int]:
-        """Numbers of runs that have ended and of runs that have a checkpoint."""
-        results = self.checkout / "results" / self.name
-        return len(list(results.glob("runs/*/run.json"))), len(list(results.glob("checkpoints/*.zip")))
+    def reached(self, stage: str) -> set[tuple[str, int]]:
+        """What there is at a stage; another set after each time that the stage is reached."""
+        if stage == "kernel":
+            return {("kernel", process.pid) for process in grid.processes(self.checkout)["kernel"]}
+        found = set()
+        for path in self.checkout.glob(STAGES[stage].format(name=self.name)):
+            with suppress(FileNotFoundError):  # removed just now
+                found.add((str(path), path.stat().st_mtime_ns))
+        return found
 
     def end(self) -> bool:
         """Let the grid end undisturbed; whether it did, and nothing was made again."""
@@ -93,23 +108,21 @@ class Disturbed:
 def test_killed_at_random_moments_nothing_is_lost(
     checkout: Path, request: pytest.FixtureRequest, count: list[bool]
 ) -> None:
-    minutes = json.loads((checkout / "results" / "whole" / "run_time.json").read_text())["minutes"]
     rng, disturbed = np.random.default_rng(SEED), Disturbed(checkout)
     print(f"moments drawn from seed {SEED}")
     for n in range(request.config.getoption("--kills", default=6)):
-        victim, wait, killed = VICTIMS[n % len(VICTIMS)], rng.uniform(0.0, SHARE * 60 * minutes), False
-        time.sleep(wait)
-        kept = True
+        victim, stage, later = VICTIMS[n % len(VICTIMS)], rng.choice(list(STAGES)), rng.uniform(0.0, LATER)
+        before, kept, killed = disturbed.reached(stage), True, False
+        while disturbed.reached(stage) <= before:
+            kept = disturbed.go_on() and kept
+            time.sleep(0.2)
+        time.sleep(later)
         while not killed:
             kept = disturbed.go_on() and kept
             killed = kill(victim, checkout)
-            time.sleep(0.05)
-        runs, checkpoints = disturbed.under_way()
-        made = f"{runs} runs ended, {checkpoints} checkpoints"
-        print(
-            f"{n + 1}: {victim} of {disturbed.name} killed after {wait:.1f} s (seed {SEED}): {made}",
-            flush=True,
-        )
+            time.sleep(0.2)
+        when = f"{later:.1f} s after the stage {stage}, {len(disturbed.finished)} runs finished before"
+        print(f"{n + 1}: {victim} of {disturbed.name} killed {when}", flush=True)
         if victim in ("workflow", "driver"):
             disturbed.driver.wait(grid.ENDING)
         count.append(kept)
