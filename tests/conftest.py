@@ -11,14 +11,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pandas as pd
 import pytest
+from learned import Learned
 
 from srlrepro.config import Config
 from srlrepro.documents import FIGURES
 from srlrepro.pendulum import Floats
-from srlrepro.safe_region import SafeRegion, learn
-from srlrepro.sampling import TrainingData, generate
-
-Learned = tuple[TrainingData, SafeRegion]
+from srlrepro.safe_region import learn
+from srlrepro.sampling import generate
 
 
 @pytest.fixture

@@ -149,6 +149,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "results" / "full" / "workflow.json").write_text(workflow)
     (tmp_path / "results" / ".lock").touch()
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(reproduce, "VENV", tmp_path)  # so that the set-up comes next, not the workflow
     for module, name in [
         (reproduce, "set_up"),
         (sampling, "visited_states"),

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from conftest import Learned
+from learned import Learned
 from scipy.spatial.distance import cdist
 from sklearn.neighbors import KNeighborsRegressor
 

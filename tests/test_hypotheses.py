@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import Learned
+from learned import Learned
 from runs import CASES, UPDATE, Case
 from sklearn.decomposition import PCA
 from sklearn.neighbors import KNeighborsClassifier

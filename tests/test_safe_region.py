@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from conftest import Learned
+from learned import Learned
 from numba import njit
 from sklearn.base import clone
 

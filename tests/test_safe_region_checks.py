@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Learned
+from learned import Learned
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 

@@ -4,12 +4,14 @@ import json
 import shlex
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from srlrepro import tracing
 from srlrepro.__main__ import main
 from srlrepro.config import ParameterError
 from srlrepro.files import ResultError
+from srlrepro.jobs import Job
 from srlrepro.plan import make_parser, plan
 from srlrepro.provenance import code_hash
 
@@ -57,47 +59,26 @@ def test_parameters_are_read_without_running_anything(tmp_path: Path) -> None:
         tracing.recorded_parameters(notebook(source, "parameters"))
 
 
-@pytest.fixture(scope="module")
-def jobs() -> list[tracing.Job]:
-    """Every job of the paper's grid."""
-    return tracing.planned_jobs(plan(make_parser().parse_args([])))
-
-
-@pytest.mark.slow
-def test_every_kept_figure_has_its_notebook(jobs: list[tracing.Job]) -> None:
-    """Also those that no rule declares, by the name in their notebook; the workflow's own times have none."""
-    kept = [p.relative_to(ROOT).as_posix() for p in sorted((ROOT / "figures" / "full").rglob("*.*"))]
-    makers = {path: tracing.maker(path, jobs) for path in kept}
-    assert [path for path, job in makers.items() if job is None] == ["figures/full/run_time.json"]
-    for path, notebook in {
-        "fig3_abc_learning.png": "06_learning_performance",
-        "reward_per_step.csv": "06_learning_performance",
-        "fig2_def_embedding.pdf": "03_embedding",
-        "behaviour/alpha_none__delta_4.gif": "11_behaviour",
-        "theorem_terms_free.png": "12_theorem",
-    }.items():
-        job = makers[f"figures/full/{path}"]
-        assert job is not None and job.notebook == f"notebooks/{notebook}.ipynb"
-
-
-@pytest.mark.slow
-def test_stages_lead_back_to_the_training_data(jobs: list[tracing.Job]) -> None:
-    job = tracing.maker("figures/full/fig3_abc_learning.pdf", jobs)
-    assert job is not None
-    rules = [stage.rule for stage in tracing.stages(job, jobs)]
-    assert rules[-1] == "learning_performance" and rules.count("training_run") == 36
-    assert rules.index("training_data") < rules.index("embedding") < len(rules) - 1
-
-
 @pytest.mark.slow
 def test_a_figure_is_traced_with_what_its_stages_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = {"code": code_hash(), "python": "3", "versions": {}, "machine": {"cores": 7}, "seconds": 61.5}
-    monkeypatch.setattr(tracing, "record", lambda job: made if job.rule == "training_run" else {})
+    def noted(name: str, chain: list[Job]) -> pd.DataFrame:
+        runs = [job.executed for job in chain if job.rule == "training_run"]
+        made = {"run": "r", "code": code_hash(), "python": "3", "versions": "v", "machine": "cores 7"}
+        return pd.DataFrame({"notebook": runs}).assign(**made, seconds=61.5, peak_memory_mb=8)
+
+    monkeypatch.setattr(tracing, "records", noted)
     text = tracing.trace(ROOT / "figures" / "full" / "fig3_abc_learning.png")
-    assert text.count("61.5") == 36 and f"{code_hash()[:8]} (this)" in text and '{"cores": 7}' in text
+    assert text.count("61.5") == 36 and f"{code_hash()[:8]} (this)" in text and "machine: cores 7\n" in text
     assert "no record here of code, machine, time and memory: 1 × training_data, 1 × embedding" in text
     command = next(line for line in text.splitlines() if line.startswith("remade")).partition("by: ")[2]
     assert plan(make_parser().parse_args(shlex.split(command)[1:]))["name"] == "full"
+
+
+def test_defaults_that_have_changed_since_are_told() -> None:
+    config = plan(make_parser().parse_args(["--set", "p_t=0.9"]))
+    assert tracing.changed_values(config) == {}
+    older = config | {"values": config["values"] | {"k": 7}}
+    assert tracing.changed_values(older) == {"k": f"7, here {config['values']['k']}"}
 
 
 @pytest.mark.parametrize(

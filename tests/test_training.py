@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from conftest import Learned
+from learned import Learned
 from runs import CONDITIONS, CONFIG, FREE, NARROW, STOCK, SUPERVISED, UPDATE, UPDATES, Case, products, quiet
 from stable_baselines3 import PPO
 

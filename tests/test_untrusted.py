@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Learned
+from learned import Learned
 from runs import FREE, STOCK
 from stable_baselines3 import PPO
 
