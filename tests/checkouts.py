@@ -49,6 +49,11 @@ def start(
 
 
 def tables(checkout: Path, name: str) -> dict[str, bytes]:
-    """{path below the results or figures of that name: bytes} of every table."""
+    """{path below the results or figures of that name: bytes} of every table of results.
+
+    The records (times, memory) of what made them are no results.
+    """
     folders = (checkout / "results" / name, checkout / "figures" / name)
-    return {str(p.relative_to(f)): p.read_bytes() for f in folders for p in f.rglob("*.csv")}
+    found = {str(p.relative_to(f)): p.read_bytes() for f in folders for p in f.rglob("*.csv")}
+    found.pop("records.csv", None)
+    return found
