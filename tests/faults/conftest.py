@@ -11,7 +11,7 @@ TALLY = pytest.StashKey[dict[str, tuple[int, int]]]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--kills", type=int, default=6, help="how often the workflow is killed")
+    parser.addoption("--kills", type=int, default=4, help="how often the workflow is killed")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

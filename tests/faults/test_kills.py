@@ -110,7 +110,7 @@ def test_killed_at_random_moments_nothing_is_lost(
 ) -> None:
     rng, disturbed = np.random.default_rng(SEED), Disturbed(checkout)
     print(f"moments drawn from seed {SEED}")
-    for n in range(request.config.getoption("--kills", default=6)):
+    for n in range(request.config.getoption("--kills", default=4)):
         victim, stage, later = VICTIMS[n % len(VICTIMS)], rng.choice(list(STAGES)), rng.uniform(0.0, LATER)
         before, kept, killed = disturbed.reached(stage), True, False
         while disturbed.reached(stage) <= before:

@@ -14,4 +14,4 @@ if [ ! -x .venv-slurm/bin/python ]; then
     packages .venv > "$(packages .venv-slurm)/venv.pth"
 fi
 .venv/bin/python -m pip --python .venv-slurm/bin/python install --quiet --no-deps -r requirements-slurm.txt
-exec .venv-slurm/bin/python -m pytest tests/slurm "$@"
+exec .venv-slurm/bin/python -m pytest tests/slurm -m 'slurm or not slurm' "$@"

@@ -29,11 +29,17 @@ def checkout(tmp_path: Path) -> Path:
 
 
 @needs_slurm
-@pytest.mark.slurm
 @pytest.mark.slow
-def test_the_cluster_runs_jobs_and_survives_its_node(tmp_path: Path) -> None:
+def test_the_cluster_runs_jobs(tmp_path: Path) -> None:
     with Cluster(tmp_path) as cluster:
         assert cluster.ask("srun", "-n1", "echo", "works") == "works"
+
+
+@needs_slurm
+@pytest.mark.slurm
+@pytest.mark.slow
+def test_the_cluster_survives_its_node(tmp_path: Path) -> None:
+    with Cluster(tmp_path) as cluster:
         job = cluster.ask("sbatch", "--parsable", "--requeue", "--output=/dev/null", "--wrap", "sleep 1000")
         cluster.until_running(job)
         cluster.lose_node()
