@@ -234,7 +234,7 @@ def make_site() -> int:
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
     test, site = arguments[:1] == ["test"], arguments == ["site"]
-    options = argparse.Namespace()
+    options = argparse.Namespace(slurm=False)
     if not test and not site:
         parser = make_parser()
         options = parser.parse_args(arguments)

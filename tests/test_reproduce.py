@@ -113,6 +113,28 @@ def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         pass
 
 
+@pytest.mark.parametrize(
+    ("arguments", "further"),
+    [
+        ([], []),
+        (["site"], []),
+        (["--slurm", "--quick"], ["requirements-slurm.txt"]),
+        (["test", "-x"], ["requirements-test.txt"]),
+    ],
+)
+def test_each_way_of_use_sets_up_what_it_needs(
+    arguments: list[str], further: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[str]] = []
+    started: list[list[str]] = []
+    monkeypatch.setattr(reproduce, "VENV", tmp_path)
+    monkeypatch.setattr(reproduce, "set_up", asked.append)
+    monkeypatch.setattr(reproduce.os, "execv", lambda _, command: started.append(command) or sys.exit(0))
+    with pytest.raises(SystemExit):
+        reproduce.main(arguments)
+    assert asked == [["requirements.txt", *further]] and started[0][3:] == arguments
+
+
 def test_no_progress_is_told_where_nothing_was_done() -> None:
     assert not reproduce.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
 
