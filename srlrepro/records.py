@@ -1,6 +1,6 @@
 """What made each result: code, versions, machine, time and memory, as each job noted them.
 
-A job notes them beside its executed notebook, and each training in run.json. Git ignores most of both, so a
+A job notes them beside its executed notebook, and each training in run.json. Git ignores both, so a
 table beside the figures keeps them: whoever reads a figure has the record of every stage before it.
 """
 
