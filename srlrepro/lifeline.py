@@ -15,7 +15,7 @@ import sys
 import time
 from contextlib import suppress
 
-GRACE = 5.0  # s for what is interrupted to end by itself, Slurm's jobs to be cancelled among it
+GRACE = 3.0  # s for what is interrupted to end by itself, Slurm's jobs to be cancelled among it
 ORPHANED = 2.0  # s after which a kernel has ended whose parent was killed: it looks once a second
 POLL = 0.2  # s between two looks at the command
 
