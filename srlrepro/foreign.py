@@ -20,7 +20,7 @@ import pandas as pd
 from srlrepro.claims import MEASURE_COLUMNS
 from srlrepro.evaluation import measure_rows, run_measures
 from srlrepro.files import ResultError, bounded, bounded_archive, existing, read_arrays, read_json, read_table
-from srlrepro.notebooks import forget_machine
+from srlrepro.notebooks import INJECTED, forget_machine
 from srlrepro.recording import TRIAL_COLUMNS, count, curve_window, learning_curve
 from srlrepro.training import VISITED_FORMAT
 
@@ -94,7 +94,7 @@ def _plain(output: dict[str, Any]) -> Any:
 
 
 def _is_given(cell: dict[str, Any]) -> bool:
-    return "injected-parameters" in cell["metadata"].get("tags", [])
+    return INJECTED in cell["metadata"].get("tags", [])
 
 
 def _executed(folder: Path, name: str, notebook: Path) -> Any:
@@ -107,8 +107,7 @@ def _executed(folder: Path, name: str, notebook: Path) -> Any:
             raise ResultError(f"{name} was executed from another {notebook.name}")
         for i, (_, source, cell) in enumerate(cells):
             if _is_given(cell):
-                tagged = {"tags": ["injected-parameters"]}
-                made.cells.insert(i, nbformat.v4.new_code_cell(source, metadata=tagged))
+                made.cells.insert(i, nbformat.v4.new_code_cell(source, metadata={"tags": [INJECTED]}))
             if made.cells[i].cell_type == "code":
                 made.cells[i].execution_count = int(cell["execution_count"])
                 made.cells[i].outputs = [_plain(output) for output in cell["outputs"]]

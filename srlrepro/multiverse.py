@@ -30,6 +30,7 @@ DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
 ALONE, RANDOM = "one at a time", "random"
 RATES = ("success-mnd", "success-mix", "success-ud")  # 80.8, 91.0 and 99.7 %
+LEVEL = 0.05  # of q, the p of a main effect corrected for the number of choices
 VIOLATED = "set-up condition violated: "
 
 

@@ -31,6 +31,7 @@ sys.modules.setdefault("rfc3987_syntax", cast(ModuleType, None))
 SETTINGS = "SETTINGS"
 NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
+INJECTED = "injected-parameters"  # papermill's tag
 WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
 
 
@@ -232,7 +233,7 @@ def snapshot(notebook: Path) -> None:
         executed = Path(folder, notebook.name)
         execute(notebook, executed, {})
         result = nbformat.read(executed, as_version=4)
-    result.cells = [c for c in result.cells if "injected-parameters" not in c.metadata.get("tags", [])]
+    result.cells = [c for c in result.cells if INJECTED not in c.metadata.get("tags", [])]
     for cell in result.cells:
         if cell.cell_type == "code":
             kept = cell.source.startswith(COMPARED)

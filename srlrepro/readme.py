@@ -9,7 +9,8 @@ import pandas as pd
 from srlrepro.config import Choices, Paper
 from srlrepro.documents import FIGURES, ROOT, TEMPLATES, Document
 from srlrepro.evaluation import TEST_STATES
-from srlrepro.files import read_json, read_table, write_json
+from srlrepro.files import LARGEST, read_json, read_table, write_json
+from srlrepro.multiverse import design, load
 from srlrepro.verdicts import THREE, judged
 
 TEST_TIME, QUICK_TIME = TEMPLATES / "test_time.json", TEMPLATES / "quick_time.json"
@@ -82,8 +83,9 @@ def context(figures: Path = FIGURES) -> dict[str, Any]:
         "benchmark": read_table(BENCHMARK, ("work", "ratio")).to_dict("records"),
         "quick": read_json(QUICK_TIME),
         "k": Paper.k,
-        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
         "test_states": TEST_STATES,
+        "universes": len(design(load())),
+        "largest": LARGEST // 2**20,
         "stated": _parameters(Paper, "place"),
         "chosen": _parameters(Choices, "reason"),
         "regions": {f"{float(str(a)):g}": row.to_dict() for a, row in regions.iterrows()},

@@ -1,7 +1,7 @@
 """What made each result: code, versions, machine, time and memory, as each job noted them.
 
 A job notes them beside its executed notebook, and each training in run.json. Git ignores both, so a
-table beside the figures keeps them: whoever reads a figure has the record of every stage before it.
+file beside the figures keeps them: whoever reads a figure has the record of every stage before it.
 """
 
 from pathlib import Path
@@ -15,8 +15,8 @@ from srlrepro.jobs import ROOT, Job, planned_jobs
 COLUMNS = ("notebook", "run", "code", "python", "versions", "machine", "seconds", "peak_memory_mb")
 
 
-def table_of(name: str) -> Path:
-    """The table that is kept of the results ``name``."""
+def file_of(name: str) -> Path:
+    """The file in which the records of the results ``name`` are kept."""
     return ROOT / "figures" / name / "records.json"
 
 
@@ -39,7 +39,7 @@ def noted(job: Job) -> list[dict[str, Any]]:
 
 def records(name: str, jobs: list[Job]) -> pd.DataFrame:
     """Rows of `COLUMNS` for jobs of the results ``name``: what each noted here, else what is kept of it."""
-    kept = read_json(table_of(name)) if table_of(name).is_file() else []
+    kept = read_json(file_of(name)) if file_of(name).is_file() else []
     rows: list[dict[str, Any]] = []
     for job in jobs:
         rows += noted(job) or [row for row in kept if row["notebook"] == job.executed]
@@ -53,6 +53,6 @@ def keep(config: dict[str, Any]) -> None:
     Raises:
         ResultError: its jobs cannot be listed, or a file cannot be written.
     """
-    write_json(table_of(config["name"]).with_name("workflow.json"), config)
+    write_json(file_of(config["name"]).with_name("workflow.json"), config)
     rows = records(config["name"], planned_jobs(config)).to_dict("records")
-    write_json(table_of(config["name"]), rows)
+    write_json(file_of(config["name"]), rows)

@@ -16,7 +16,6 @@ from srlrepro.theorem import POOLED, SMALLEST
 from srlrepro.verdicts import LONG, THREE, is_there, judged, resting, rows
 
 COMPUTING, ROUNDING = TEMPLATES / "computing.csv", TEMPLATES / "rounding.csv"
-EFFECT_LEVEL = 0.05  # of q, the corrected p of a main effect: that of 14_multiverse
 DRAWS = ("dataset", "learner")  # the choices of the multiverse that are none (multiverse.toml)
 NEAREST = 3  # universes shown of those that come nearest to the paper's rates
 HALVED = 0.5
@@ -69,10 +68,10 @@ def _multiverse(folder: Path) -> dict[str, Any]:
     )
     flips = read_table(folder / "flips.csv", ("claim", "choice", "level"))
     effects = read_table(folder / "main_effects.csv", ("claim", "choice", "effect", "q"))
-    effects = effects[effects["q"] < EFFECT_LEVEL].sort_values("effect", ascending=False)
+    effects = effects[effects["q"] < multiverse.LEVEL].sort_values("effect", ascending=False)
     usual = {choice.id: choice.levels[0].level for choice in multiverse.load()}
     rates = read_table(folder / "papers_rates.csv", ("id", *multiverse.RATES, "margin"), text=tuple(usual))
-    rows = []
+    tested = []
     for claim in claims.load():
         own = shares[shares["claim"] == claim.id].set_index("design")
         decided = own["universes"] - own["violated"] - own["unmeasured"]
@@ -85,16 +84,15 @@ def _multiverse(folder: Path) -> dict[str, Any]:
         row["deciding"] = effects.loc[effects["claim"] == claim.id, "choice"].tolist()
         flipping = set(flips.loc[flips["claim"] == claim.id, "choice"])
         row |= {"chance": bool(flipping & set(DRAWS)), "flipping": sorted(flipping - set(DRAWS))}
-        rows.append(row)
+        tested.append(row)
     nearest = rates.head(NEAREST)
     differs = [
         ", ".join(f"{n} = {row[n]}" for n in usual if row[n] != usual[n])
         for row in nearest.to_dict("records")
     ]
     return {
-        "claims": rows,
-        "papers": [claim.paper for claim in claims.load() if claim.id in multiverse.RATES],
-        "level": EFFECT_LEVEL,
+        "claims": tested,
+        "level": multiverse.LEVEL,
         "universes": int(shares.groupby("design")["universes"].max().sum()),
         "violated": int(shares.groupby("design")["violated"].max().sum()),
         "deciding": effects["choice"].value_counts().to_dict(),
@@ -148,11 +146,11 @@ def _discrepancy(folder: Path) -> dict[str, Any]:
 
 def computing(figures: Path) -> Rows:
     """The ledger of computing; rows that name results take what these say of their own time, if there."""
-    rows = read_table(COMPUTING, ("what", "times", "beyond", "trainings", "core_hours", "kept")).astype(
+    ledger = read_table(COMPUTING, ("what", "times", "beyond", "trainings", "core_hours", "kept")).astype(
         object
     )
     found = []
-    for row in rows.where(rows.notna(), None).to_dict("records"):
+    for row in ledger.where(ledger.notna(), None).to_dict("records"):
         if row["times"]:
             file = figures / row["times"] / "run_time.json"
             time = read_json(file) if file.exists() else {}
@@ -210,7 +208,6 @@ def context(figures: Path = FIGURES) -> dict[str, Any]:
         "chosen": len(fields(Choices)),
         "varied": len(multiverse.load()) - len(DRAWS),
         "p_t": Paper.p_t,
-        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
     }
 
 

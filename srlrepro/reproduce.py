@@ -129,7 +129,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
     from srlrepro.costs import add_time, spent
     from srlrepro.files import remove_unfinished, write_json
     from srlrepro.notebooks import require_undamaged
-    from srlrepro.records import keep, table_of
+    from srlrepro.records import file_of, keep
 
     folder = ROOT / "results" / config["name"]
     write_json(folder / "workflow.json", config)
@@ -188,7 +188,7 @@ def run_workflow(config: dict[str, Any], options: argparse.Namespace, lock: IO[s
     if interrupted:
         print("reproduce.sh: stopped. Start again to go on.")
         return INTERRUPTED
-    if status == 0 and (worked or not table_of(config["name"]).exists()):
+    if status == 0 and (worked or not file_of(config["name"]).exists()):
         keep(config)
     if status:
         log_name = f"results/{config['name']}/snakemake.log"

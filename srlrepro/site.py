@@ -21,12 +21,13 @@ from nbconvert.filters.markdown_mistune import IPythonRenderer, MarkdownWithMath
 from pygments.formatters import HtmlFormatter
 from traitlets.config import Config
 
+from srlrepro.documents import ROOT, TEMPLATES
 from srlrepro.files import ResultError, existing, require_writable
+from srlrepro.verdicts import LONG, THREE
 
-ROOT = Path(__file__).resolve().parent.parent
 SITE = ROOT / "site"
-TEMPLATE = ROOT / "docs" / "site.html.jinja"
-KEPT = ("full", "seeds_10", "multiverse", "hypotheses")  # results of which the site tells, if they are there
+TEMPLATE = TEMPLATES / "site.html.jinja"
+KEPT = (THREE, *LONG)  # results of which the site tells, if they are there
 INDEX = "README.md"  # the document that becomes index.html
 WITHOUT_DEFAULTS = {"enabled": True, "remove_cell_tags": ["parameters"]}  # papermill's cell says which held
 SECTION = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>')

@@ -11,16 +11,15 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from srlrepro.config import Config, check
+from srlrepro.config import Config, ParameterError, check
 from srlrepro.files import ResultError, read_json
 from srlrepro.jobs import ROOT, Job, maker, planned_jobs, stages
-from srlrepro.notebooks import parameters_of
+from srlrepro.notebooks import INJECTED, parameters_of
 from srlrepro.plan import STUDIES, check_workflow, make_parser, plan
 from srlrepro.provenance import EVERYTHING, LEARNING, code_hash
 from srlrepro.records import records
 
 PLACES = ("figures", "notebooks/executed", "results")
-INJECTED = "injected-parameters"  # papermill's tag
 HASH_SHOWN = 8  # digits of a hash that a table shows
 
 
@@ -110,8 +109,7 @@ def find(file: Path) -> tuple[dict[str, Any], Job, list[Job]]:
         job = maker(name, jobs)
         if job is not None:
             return config, job, stages(job, jobs)
-    check(False, "FIGURE", file, "made by one of the notebooks")
-    raise AssertionError
+    raise ParameterError(f"FIGURE = {file}: must be made by one of the notebooks")
 
 
 def _count(chain: list[Job]) -> str:

@@ -6,7 +6,9 @@ from typing import Any
 import pandas as pd
 
 from srlrepro.claims import STATES, VERDICTS, Claim, load
+from srlrepro.config import Choices, Paper
 from srlrepro.files import read_json, read_table
+from srlrepro.multiverse import RATES
 
 THREE, LARGER = "full", "seeds_10"  # results of the paper's three seeds, and those on which verdicts rest
 LONG = {  # a run beyond the paper's grid: the table that shows that it is complete, and what it gives
@@ -37,7 +39,8 @@ def judged(figures: Path) -> dict[str, Any]:
 
     ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
     empty without that set; ``unresolvable``: contrasts that the larger set decides and three seeds with its
-    spread would not.
+    spread would not; ``papers``: success rates that the paper gives, as it writes them; ``best``: the return
+    of a perfect trial.
 
     Raises:
         ResultError: a table is missing.
@@ -60,6 +63,8 @@ def judged(figures: Path) -> dict[str, Any]:
         "run": read_json(figures / THREE / "run_time.json"),
         "runs": len(cells),
         "seeds": cells["seed"].nunique(),
+        "papers": [claim.paper for claim in load() if claim.id in RATES],
+        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
         "missing": [text for name, (_, text) in LONG.items() if not is_there(figures, name)],
         "conditions": len(cells[["alpha", "delta"]].drop_duplicates()),
     }

@@ -8,6 +8,7 @@ from srlrepro import jobs, records
 from srlrepro.files import write_json
 from srlrepro.jobs import Job
 from srlrepro.provenance import provenance
+from srlrepro.site import KEPT
 
 RUNS = {
     "grid": Job("training_run", [], ["results/a/runs/r/run.json"], "n", "executed/a/r.ipynb", {}),
@@ -39,22 +40,20 @@ def test_what_is_kept_stands_for_what_is_gone(checkout: Path, monkeypatch: pytes
     monkeypatch.setattr(records, "planned_jobs", lambda config: every)
     before = records.records("a", every)
     records.keep({"name": "a", "values": {"k": 1000}})
-    written = records.table_of("a").read_bytes()
+    written = records.file_of("a").read_bytes()
     (checkout / "results").rename(checkout / "gone")
     assert records.records("a", every).equals(before)
     records.keep({"name": "a", "values": {"k": 1000}})
-    assert records.table_of("a").read_bytes() == written
+    assert records.file_of("a").read_bytes() == written
     write_json(checkout / "results" / "a" / "runs" / "r" / "run.json", {"provenance": provenance(1.0)})
     assert records.records("a", every)["seconds"].tolist() == [1.0, 5.0, 7.0]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["full", "seeds_10", "multiverse", "hypotheses"])
+@pytest.mark.parametrize("name", [name for name in KEPT if (jobs.ROOT / "figures" / name).is_dir()])
 def test_every_training_behind_kept_figures_has_its_record(name: str) -> None:
     from srlrepro.tracing import configurations
 
-    if not (jobs.ROOT / "figures" / name).is_dir():
-        pytest.skip(f"there are no figures of {name} yet")
     planned = jobs.planned_jobs(configurations(name)[0])
     training = {job.executed for job in planned if job.rule in ("training_run", "universe")}
     assert training and training <= set(records.records(name, planned)["notebook"])

@@ -79,6 +79,9 @@ def test_missing_and_unrecorded_results_are_no_damage(tmp_path: Path) -> None:
     (tmp_path / "04_run.ipynb").touch()
     write_json(tmp_path / "03_run.json", {"sha256": {"03_run.json": "0"}})  # not executed to its end
     require_undamaged([tmp_path], tmp_path)
+    (tmp_path / "gone.csv").touch()  # the only one of them that is looked at, once it is there
+    with pytest.raises(ResultError, match=r"gone\.csv is not as 05_run\.ipynb wrote it"):
+        require_undamaged([tmp_path], tmp_path)
 
 
 def test_a_damaged_region_is_noticed(tmp_path: Path, count: list[bool]) -> None:
