@@ -84,6 +84,9 @@ def test_verdicts_rest_on_the_larger_set_where_there_is_one(larger: Path) -> Non
     assert {claim["verdict"] for claim in told} == {"partly"}
     kept = pd.read_csv(FIGURES / "full" / "claims.csv").set_index("id")["verdict"]
     assert {claim["id"]: claim["verdict_of_three"] for claim in told} == kept.to_dict()
+    sound = {claim["id"] for claim in told if not claim["ill_posed"]}
+    assert judgement["settled"] == sum(kept[name] == "inconclusive" for name in sound)
+    assert judgement["changed"] == sum(kept[name] not in ("inconclusive", "partly") for name in sound)
     last = ""
     for claim in told:
         assert claim["joins"] in ("", last)
