@@ -51,7 +51,7 @@ rule hypotheses:
     output:
         notebook=f"{EXECUTED}/15_hypotheses.ipynb",
         figures=expand(f"{FIGURES}/hypotheses_{{figure}}.pdf", figure=["classification", "learning"]),
-        tables=expand(f"{FIGURES}/hypotheses_{{table}}.csv", table=["summary", "better"]),
+        tables=expand(f"{FIGURES}/hypotheses_{{table}}.csv", table=["summary", "better", "ranks"]),
     params:
         values=config["values"],
         parameters=parameters(

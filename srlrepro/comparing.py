@@ -25,6 +25,8 @@ ANY = "any"  # stands for α where a hypothesis knows the system and learns from
 PALETTE = {**COLORS, ANY: "#CC79A7"}
 DODGED = 0.8  # of the distance between hypotheses, by seaborn, over the values of α
 SCORES = ("precision", "recall", "brier")
+FREE = "visited, free"  # states that no hypothesis has influenced
+FOLLOWED = ("final_return", "success_rate", "violations_per_1000_steps")
 
 
 def visited(
@@ -57,7 +59,7 @@ def judged_states(
     for delta in deltas:
         real, free = ClosedLoop.from_config(config, delta), visited(paper, ["none"], delta, seeds, rng)
         for alpha in (*data, ANY):
-            yield "visited, free", delta, alpha, free, real.predict(free)
+            yield FREE, delta, alpha, free, real.predict(free)
             x = visited(paper, list(data) if alpha == ANY else [alpha], delta, seeds, rng)
             yield "visited, supervised", delta, alpha, x, real.predict(x)
 
@@ -85,6 +87,27 @@ def classify(
                 cell = {"hypothesis": kind, "alpha": alpha, "states": states, "delta": delta}
                 rows.append(cell | classification(h, x, labels))
     return pd.DataFrame(rows)
+
+
+def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
+    """Spearman's rank correlation of each score on the states `FREE` with what learners got, for each Δ.
+
+    Columns: delta, score, cells (compared pairs of a hypothesis and an α), `FOLLOWED`. Hypotheses that know the
+    system are left out, as they learn from no data.
+
+    Args:
+        scores: as of `classify`.
+        learned: hypothesis, alpha, delta and `FOLLOWED`, means over seeds, of what was trained.
+    """
+    judged = scores[(scores["states"] == FREE) & (scores["alpha"] != ANY)]
+    joined = judged.merge(learned, on=["hypothesis", "alpha", "delta"])
+    rows = [
+        {"delta": delta, "score": score, "cells": len(cells)}
+        | {name: cells[score].corr(cells[name], method="spearman") for name in FOLLOWED}
+        for delta, cells in joined.groupby("delta")
+        for score in SCORES
+    ]
+    return pd.DataFrame(rows, columns=["delta", "score", "cells", *FOLLOWED])
 
 
 def plot_scores(scores: pd.DataFrame) -> Figure:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from srlrepro import claims, multiverse, readme
+from srlrepro.comparing import FOLLOWED
 from srlrepro.config import Choices, Paper
 from srlrepro.documents import FIGURES, TEMPLATES, Document
 from srlrepro.files import read_json, read_table
+from srlrepro.hypotheses import ORACLES
 from srlrepro.theorem import POOLED, SMALLEST
 from srlrepro.verdicts import LONG, THREE, is_there, judged, resting, rows
 
@@ -109,7 +111,9 @@ def _hypotheses(folder: Path) -> dict[str, Any]:
     """Brier scores as multiples of the paper's region, how learners fare, which hypotheses cannot guard."""
     names = ("hypothesis", "alpha", "states", "delta", "brier")
     scores = read_table(folder / "hypotheses_classification.csv", names, text=("alpha",))
-    learning = read_table(folder / "hypotheses_summary.csv", ("hypothesis", "alpha"), text=("alpha",))
+    learning = read_table(
+        folder / "hypotheses_summary.csv", ("hypothesis", "alpha", "delta", "success_rate"), text=("alpha",)
+    )
     brier = scores.pivot_table(
         index=["states", "delta", "alpha"], columns="hypothesis", values="brier", sort=False
     )
@@ -128,6 +132,10 @@ def _hypotheses(folder: Path) -> dict[str, Any]:
         },
         "untrained": never.groupby("hypothesis", sort=False)["alpha"].agg(list).to_dict(),
         "better": read_table(folder / "hypotheses_better.csv", ("hypothesis",)).to_dict("split"),
+        "ranks": read_table(folder / "hypotheses_ranks.csv", ("delta", "score", "cells", *FOLLOWED)).to_dict(
+            "records"
+        ),
+        "oracles": learning[learning["hypothesis"].isin(ORACLES)].to_dict("records"),
     }
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from srlrepro import multiverse, report
 from srlrepro.claims import load
+from srlrepro.comparing import FOLLOWED
 from srlrepro.documents import FIGURES, ROOT
 from srlrepro.files import ResultError, write_json
 from srlrepro.verdicts import LONG
@@ -61,12 +62,14 @@ def make_hypotheses(folder: Path) -> None:
     ] = 0.15
     folder.mkdir()
     scores.to_csv(folder / "hypotheses_classification.csv", index=False)
-    trained = scores[["hypothesis", "alpha", "delta"]].drop_duplicates()
+    trained = scores[["hypothesis", "alpha", "delta"]].drop_duplicates().assign(success_rate=0.9)
     trained[(trained["hypothesis"] != "pca") | (trained["alpha"] != "1")].to_csv(
         folder / "hypotheses_summary.csv", index=False
     )
     better = pd.DataFrame({"hypothesis": ["mlp", "pca"], "more: final return": ["1 of 2", "0 of 1"]})
     better.to_csv(folder / "hypotheses_better.csv", index=False)
+    ranked = {"delta": 4.0, "score": "recall", "cells": 5} | dict.fromkeys(FOLLOWED, 0.25)
+    pd.DataFrame([ranked]).to_csv(folder / "hypotheses_ranks.csv", index=False)
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +134,21 @@ def test_what_hypotheses_are_worth(complete: Path) -> None:
     ratios = {row["states"]: row for row in found["ratio"]}
     assert ratios["UD"]["mlp"] == pytest.approx(0.625) and ratios["MND"]["mlp"] == pytest.approx(0.5)
     assert ratios["MND"]["pca"] == pytest.approx(1.5)
+
+
+def test_what_is_said_of_hypotheses_in_words_is_what_the_tables_say() -> None:
+    """Headlines that no number fills in: care protects, accuracy and the low dimension do not."""
+    found = report.context()["hypotheses"]
+    success = {(row["score"], row["delta"]): row["success_rate"] for row in found["ranks"]}
+    recall, brier = (
+        [value for (score, _), value in success.items() if score == name] for name in ("recall", "brier")
+    )
+    assert max(recall) < -0.5 and min(brier) > -0.5
+    (svm,) = (row for row in found["better"]["data"] if row[0] == "svm")
+    for better in svm[2:]:
+        times, of = map(int, better.split(" of "))
+        assert times > of / 2
+    assert max(row["success_rate"] for row in found["oracles"] if row["hypothesis"] == "real") == 0
 
 
 def test_theorem_counts_trainings_and_leaves_pools_out(larger: Path) -> None:
