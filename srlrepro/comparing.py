@@ -92,8 +92,8 @@ def classify(
 def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
     """Spearman's rank correlation of each score on the states `FREE` with what learners got, for each Δ.
 
-    Columns: delta, score, cells (compared pairs of a hypothesis and an α), `FOLLOWED`. Hypotheses that know the
-    system are left out, as they learn from no data.
+    Columns: delta, score, cells (compared pairs of a hypothesis and an α), `FOLLOWED`. Hypotheses that know
+    the system are left out, as they learn from no data.
 
     Args:
         scores: as of `classify`.
