@@ -153,7 +153,7 @@ def _discrepancy(folder: Path) -> dict[str, Any]:
 
 
 def computing(figures: Path) -> Rows:
-    """The ledger of computing; rows that name results take what these say of their own time, if there."""
+    """The ledger of computing; rows that name results take what these say of their own time, if complete."""
     ledger = read_table(COMPUTING, ("what", "times", "beyond", "trainings", "core_hours", "kept")).astype(
         object
     )
@@ -161,7 +161,8 @@ def computing(figures: Path) -> Rows:
     for row in ledger.where(ledger.notna(), None).to_dict("records"):
         if row["times"]:
             file = figures / row["times"] / "run_time.json"
-            time = read_json(file) if file.exists() else {}
+            complete = row["times"] not in LONG or is_there(figures, row["times"])
+            time = read_json(file) if complete and file.exists() else {}
             counted = read_json(figures / row["beyond"] / "run_time.json") if row["beyond"] else {}
             for name in ("trainings", "core_hours"):
                 row[name] = time[name] - counted.get(name, 0) if name in time else None

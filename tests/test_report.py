@@ -165,11 +165,12 @@ def test_theorem_counts_trainings_and_leaves_pools_out(larger: Path) -> None:
 
 
 def test_computing_takes_times_from_results(tmp_path: Path) -> None:
-    """Further seeds are what is beyond the grid that they share; a run that is not there costs nothing."""
-    for name, trainings, hours in (("full", 36, 1.5), ("seeds_10", 120, 5.0)):
+    """Further seeds are what is beyond the grid that they share; an unfinished run is not told of."""
+    for name, trainings, hours in (("full", 36, 1.5), ("seeds_10", 120, 5.0), ("multiverse", 9, 1.0)):
         (tmp_path / name).mkdir()
         time = {"trainings": trainings, "core_hours": hours, "minutes": 3.0, "steps": 7}
         write_json(tmp_path / name / "run_time.json", time)
+    (tmp_path / "seeds_10" / LONG["seeds_10"][0]).touch()
     table = {row["what"]: row for row in report.computing(tmp_path)}
     more = table["further seeds"]
     assert (more["trainings"], more["core_hours"], more["ran"]) == (84, 3.5, True)
