@@ -122,6 +122,7 @@ def _hypotheses(folder: Path) -> dict[str, Any]:
     perceptron = (brier["mlp"] / brier[Choices.hypothesis]).dropna()
     classified, trained = (t[["hypothesis", "alpha"]].drop_duplicates() for t in (scores, learning))
     never = classified.merge(trained, how="left", indicator=True).query("_merge == 'left_only'")
+    better = read_table(folder / "hypotheses_better.csv", ("hypothesis",))
     return {
         "ratio": ratio.reset_index().to_dict("records"),
         "columns": list(ratio.columns),
@@ -131,7 +132,8 @@ def _hypotheses(folder: Path) -> dict[str, Any]:
             "halved": int((perceptron <= HALVED).sum()),
         },
         "untrained": never.groupby("hypothesis", sort=False)["alpha"].agg(list).to_dict(),
-        "better": read_table(folder / "hypotheses_better.csv", ("hypothesis",)).to_dict("split"),
+        "better": better.to_dict("split"),
+        "svm": better[better["hypothesis"] == "svm"].to_dict("records"),
         "ranks": read_table(folder / "hypotheses_ranks.csv", ("delta", "score", "cells", *FOLLOWED)).to_dict(
             "records"
         ),

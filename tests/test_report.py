@@ -144,9 +144,9 @@ def test_what_is_said_of_hypotheses_in_words_is_what_the_tables_say() -> None:
         [value for (score, _), value in success.items() if score == name] for name in ("recall", "brier")
     )
     assert max(recall) < -0.5 and min(brier) > -0.5
-    (svm,) = (row for row in found["better"]["data"] if row[0] == "svm")
-    for better in svm[2:]:
-        times, of = map(int, better.split(" of "))
+    (svm,) = found["svm"]
+    for better in ("more: success rate of K", "fewer: violations per 1000 steps"):
+        times, of = map(int, svm[better].split(" of "))
         assert times > of / 2
     assert max(row["success_rate"] for row in found["oracles"] if row["hypothesis"] == "real") == 0
 
