@@ -25,7 +25,7 @@ from srlrepro.joined_measures import (
     promise_gap,
     success_log_odds,
 )
-from srlrepro.labels import ClosedLoop
+from srlrepro.labels import ClosedLoop, Labels
 from srlrepro.pendulum import Floats
 from srlrepro.provenance import code_hash
 from srlrepro.safe_region import SafeRegion
@@ -34,6 +34,8 @@ from srlrepro.supervisor import CompiledHypothesis, Hypothesis
 from srlrepro.training import VISITED_FORMAT, Run, identify, train
 
 Learned = dict[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of α
+Labelled = tuple[Floats, Labels]  # states [N, 6] and their labels [N]
+LABEL_EVERY = 25  # steps of a training between two labelled states, at least: nearer ones are much the same
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,8 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
     Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A
     cell that the same code has finished with the same values is read, not trained again.
     """
-    rows = []
+    rows: list[tuple[Any, ...]] = []
+    common: dict[tuple[float, int], Labelled] = {}  # states of the free run of this Δ and seed
     for run in universe.runs:
         alpha = "none" if run.alpha is None else f"{run.alpha:g}"
         region = learned[alpha][1] if alpha in learned else None
@@ -142,10 +145,14 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[tupl
         measures |= learning_measures(products)
         if counts["activations"]:
             measures["success_log_odds"] = success_log_odds(counts["recovered"], measures["failures"])
-        if region is not None:
-            free = folder / "runs" / replace(run, alpha=None).name if "none" in universe.alphas else None
-            real = ClosedLoop.from_config(universe.config, run.delta)
-            measures |= _errors(region, real, products, free)
+        visited, real = _visited(products), ClosedLoop.from_config(universe.config, run.delta)
+        own = labelled(visited, real, run.steps)
+        if region is None:
+            common[run.delta, run.seed] = own
+        else:
+            measures |= _errors(region, own, common.get((run.delta, run.seed)))
+        if isinstance(region, SafeRegion):
+            measures["promise_gap"] = promise_gap(region, visited, real)
         rows += measure_rows(measures, alpha, run.delta, run.seed)
     return rows
 
@@ -154,20 +161,18 @@ def _visited(products: Path) -> Floats:
     return np.asarray(read_arrays(products / "visited.npz", VISITED_FORMAT, ("x",))["x"], np.float64)
 
 
-def _errors(
-    region: CompiledHypothesis, real: ClosedLoop, products: Path, free: Path | None
-) -> dict[str, float]:
-    """Measures of h on the states that its own run visited, and on those of the free run, if there is one."""
-    x = _visited(products)
-    errors = classification(region, x, real.predict(x))
+def labelled(visited: Floats, real: ClosedLoop, steps: int) -> Labelled:
+    """(x, l(x)) of the visited states [N, 6] of a training, thinned to one in `LABEL_EVERY` of its steps."""
+    x = visited[:: max(1, LABEL_EVERY * len(visited) // steps)]
+    return x, real.predict(x)
+
+
+def _errors(region: CompiledHypothesis, own: Labelled, common: Labelled | None) -> dict[str, float]:
+    """Measures of h on states that its own run visited, and on those of the free run, if there is one."""
+    errors = classification(region, *own)
     measures = {"generalization_error": errors["error"]}
     measures |= {name: errors[name] for name in ("false_positives", "brier")}
-    if isinstance(region, SafeRegion):
-        measures["promise_gap"] = promise_gap(region, x, real)
-    if free is not None:
-        common = _visited(free)
-        measures |= common_errors(region, common, real.predict(common))
-    return measures
+    return measures if common is None else measures | common_errors(region, *common)
 
 
 def _finished(folder: Path, run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any] | None:
