@@ -25,10 +25,11 @@ class Study(NamedTuple):
     steps: int
 
 
-# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 92 universes of 8 runs of 150 000 steps,
-# and half a minute for the kernel and the regions of each, take four hours of a core, so two on two cores. By
-# then most activations of K have occurred. 114 runs of 500 000 steps, and 12 under the two hypotheses that
-# simulate K in every step, which take five times as long, are two and a half hours of a core.
+# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 95 universes of 8 runs of 150 000 steps,
+# and a minute for the kernel, the regions and the labels of each, take four and a half hours of a core, so
+# little more than two on two cores. By then most activations of K have occurred. 114 runs of 500 000 steps,
+# and 12 under the two hypotheses that simulate K in every step, which take five times as long, are two and a
+# half hours of a core.
 STUDIES = {
     "multiverse": Study("vary what the paper leaves open, in many short runs", [1.1, 4.0], 1, 150_000),
     "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 500_000),

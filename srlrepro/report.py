@@ -14,6 +14,7 @@ from srlrepro.config import Choices, Paper
 from srlrepro.documents import FIGURES, TEMPLATES, Document
 from srlrepro.files import read_json, read_table
 from srlrepro.hypotheses import ORACLES
+from srlrepro.plan import STUDIES
 from srlrepro.theorem import POOLED, SMALLEST
 from srlrepro.verdicts import LONG, THREE, is_there, judged, resting, rows
 
@@ -21,6 +22,7 @@ COMPUTING, ROUNDING = TEMPLATES / "computing.csv", TEMPLATES / "rounding.csv"
 DRAWS = ("dataset", "learner")  # the choices of the multiverse that are none (multiverse.toml)
 NEAREST = 3  # universes shown of those that come nearest to the paper's rates
 HALVED = 0.5
+SELDOM = 0.25  # share of the random universes up to which a claim holds seldom; often is 1 less this
 Rows = list[dict[Any, Any]]
 
 
@@ -81,12 +83,13 @@ def _multiverse(folder: Path) -> dict[str, Any]:
         row["alone"], row["random"] = (
             f"{own['held'][d]} of {decided[d]}" for d in (multiverse.ALONE, multiverse.RANDOM)
         )
-        row["low"], row["high"] = own.loc[multiverse.RANDOM, ["low", "high"]]
+        row["share"], row["low"], row["high"] = own.loc[multiverse.RANDOM, ["share", "low", "high"]]
         row["decided"] = decided[multiverse.RANDOM]
         row["deciding"] = effects.loc[effects["claim"] == claim.id, "choice"].tolist()
         flipping = set(flips.loc[flips["claim"] == claim.id, "choice"])
         row |= {"chance": bool(flipping & set(DRAWS)), "flipping": sorted(flipping - set(DRAWS))}
         tested.append(row)
+    posed = [row["share"] for row in tested if row["decided"] and not row["ill_posed"]]
     nearest = rates.head(NEAREST)
     differs = [
         ", ".join(f"{n} = {row[n]}" for n in usual if row[n] != usual[n])
@@ -94,6 +97,11 @@ def _multiverse(folder: Path) -> dict[str, Any]:
     ]
     return {
         "claims": tested,
+        "posed": len(posed),
+        "quarter": SELDOM,
+        "often": sum(share >= 1 - SELDOM for share in posed),
+        "seldom": sum(share <= SELDOM for share in posed),
+        "steps": STUDIES["multiverse"].steps,
         "level": multiverse.LEVEL,
         "universes": int(shares.groupby("design")["universes"].max().sum()),
         "violated": int(shares.groupby("design")["violated"].max().sum()),

@@ -104,10 +104,13 @@ def possible(universe: Universe, met: pd.DataFrame) -> Universe:
 
 def region_measures(universe: Universe, learned: Learned) -> list[tuple[Any, ...]]:
     """Rows of measures of the training data and of the regions, on fresh states of the nominal system."""
-    rows = []
+    rows: list[tuple[Any, ...]] = []
+    if not learned:
+        return rows
+    mnd = next(iter(learned.values()))[0].mnd  # the same for every α, and so are the test states
+    tests = test_states(mnd, universe.config, np.random.default_rng([universe.data_seed, 1]))
     for alpha, (data, region) in learned.items():
         values = {"safe_share": float(data.z.mean()), **first_link_shares(data.x, universe.config)}
-        tests = test_states(data.mnd, universe.config, np.random.default_rng([universe.data_seed, 1]))
         if isinstance(region, SafeRegion):
             y = region.embedding_
             values["embedding_purity"] = label_purity(cdist(y, y), region.labels_)

@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,9 @@ def test_what_the_multiverse_decides(complete: Path) -> None:
     rates = next(row for row in found["claims"] if row["statement"].startswith("At Δ = 1.1 and α = 0, 80.8"))
     drawn = universes[universes["design"] == multiverse.RANDOM]
     assert rates["random"] == f"{(drawn['gamma-evidence'] == 'embedded').sum()} of {len(drawn)}"
+    shares = [Fraction(row["random"].replace(" of ", "/")) for row in found["claims"] if not row["ill_posed"]]
+    often, seldom = sum(share >= 0.75 for share in shares), sum(share <= 0.25 for share in shares)
+    assert (found["posed"], found["often"], found["seldom"]) == (len(shares), often, seldom)
 
 
 def test_what_hypotheses_are_worth(complete: Path) -> None:

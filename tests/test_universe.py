@@ -4,13 +4,27 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from srlrepro import universe as module
 from srlrepro.claims import load
 from srlrepro.config import Config
-from srlrepro.universe import Learned, Universe, conditions, possible, region_measures, train_cells
+from srlrepro.files import read_arrays
+from srlrepro.joined_measures import common_errors
+from srlrepro.labels import ClosedLoop
+from srlrepro.sampling import sample_uniform
+from srlrepro.training import VISITED_FORMAT
+from srlrepro.universe import (
+    Learned,
+    Universe,
+    conditions,
+    labelled,
+    possible,
+    region_measures,
+    train_cells,
+)
 
 SMALL = Config().with_values(
     k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
@@ -89,6 +103,27 @@ def test_a_universe_measures_what_the_claims_are_tested_on(
 ) -> None:
     regions = {row[0] for row in region_measures(UNIVERSE, learned)}
     assert {claim.measure for claim in load()} <= regions | set(trained[1]["measure"])
+
+
+@pytest.mark.parametrize(("apart", "every"), [(75, 1), (25, 1), (12, 2), (7, 3), (1, 25)])
+def test_labelled_states_are_spread_over_the_training(apart: int, every: int) -> None:
+    """One in ``every`` of states that were kept ``apart`` steps from each other, with their labels."""
+    visited = sample_uniform(100, SMALL.paper.state_max, np.random.default_rng(0))
+    real = ClosedLoop.from_config(SMALL, 4.0)
+    x, labels = labelled(visited, real, 100 * apart)
+    assert np.array_equal(x, visited[::every]) and np.array_equal(labels, real.predict(visited)[::every])
+
+
+def test_common_errors_are_of_the_free_run_with_the_same_mismatch(
+    trained: tuple[Path, pd.DataFrame], learned: Learned
+) -> None:
+    folder, rows = trained
+    found = rows.set_index(["measure", "alpha", "delta"])["value"]
+    for run in UNIVERSE.runs[: len(UNIVERSE.deltas)]:
+        visited = read_arrays(folder / "runs" / run.name / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+        x, labels = labelled(visited.astype(float), ClosedLoop.from_config(SMALL, run.delta), run.steps)
+        expected = common_errors(learned["0"][1], x, labels)
+        assert {name: found[name, "0", run.delta] for name in expected} == expected
 
 
 def test_finished_cells_are_read_and_others_trained(
