@@ -1,4 +1,4 @@
-# The workflow: one rule per notebook. Configured by srlrepro/reproduce.py; start it with ./reproduce.sh
+# The workflow: one rule per notebook. Configured by srlrepro/workflow.py; start it with ./reproduce.sh
 #
 # A rule is run again when its notebook, a module that makes its *numbers*, a value of the configuration or
 # one of its input results changed. srlrepro/figures.py is no input of the runs: a new colour trains nothing.
