@@ -154,7 +154,10 @@ def flips(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
 
 
 def main_effects(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
-    """Which choices move a claim's margin over the random design.
+    """Which choices move the value of a claim (as of `outcomes`) over the random design.
+
+    Not its margin: that of a claim about a number falls on both sides of it, and hides what a choice moves
+    from one side to the other.
 
     Columns: claim, choice, levels ("level: share held (n)", in words), spread (of the shares held), effect
     (ε² = H / (n − 1), the share of the ranks' variance), p (Kruskal and Wallis), q (p corrected over the
@@ -162,14 +165,14 @@ def main_effects(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
     """
     rows: list[tuple[Any, ...]] = []
     drawn = universes[universes["design"] == RANDOM]
-    for claim, group in results.dropna(subset="margin").groupby("claim", sort=False):
+    for claim, group in results.dropna(subset="value").groupby("claim", sort=False):
         table = group.set_index("id").join(drawn, how="inner")
         found: list[tuple[Any, ...]] = []
         for choice in drawn.columns.drop("design"):
             levels = {str(level): part for level, part in table.groupby(choice, sort=False) if len(part) > 1}
-            if len(levels) < 2 or table["margin"].nunique() < 2:
+            if len(levels) < 2 or table["value"].nunique() < 2:
                 continue
-            h, p = kruskal(*(part["margin"] for part in levels.values()))
+            h, p = kruskal(*(part["value"] for part in levels.values()))
             held = {level: part["holds"].astype(float).mean() for level, part in levels.items()}
             words = ", ".join(f"{level}: {held[level]:.2f} ({len(part)})" for level, part in levels.items())
             spread = max(held.values()) - min(held.values())

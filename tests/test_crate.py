@@ -84,4 +84,5 @@ def test_the_crate_is_valid(metadata: dict, cache: Path, tmp_path: Path) -> None
     assert report.exists(), done.stdout + done.stderr
     found = json.loads(report.read_text())
     assert found["passed"] and found["statistics"]["total_passed_checks"] >= 38, found["issues"]
+    # The validator's own count of what it left out, not a test that is skipped here.
     assert found["skipped_checks"] == 0, found["skipped_check_details"]

@@ -158,6 +158,18 @@ def test_a_choice_that_decides_is_found_and_others_are_not() -> None:
     assert "1: 1.00 (30)" in found.loc["a", "levels"] and "0: 0.00 (30)" in found.loc["a", "levels"]
 
 
+def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
+    """From 0.1 below to 0.1 above 80.8 %: the distance from the number, and so the margin, stays as it was."""
+    near = next(c for c in claims.load() if c.id == "success-mnd")
+    rows, rng = design(TOY, 60), np.random.default_rng(3)
+    values = {
+        n: near.value + (0.1 if row["a"] == "1" else -0.1) + 0.01 * rng.normal() for n, row in rows.iterrows()
+    }
+    tables = {name: measured(value, near.measure) for name, value in values.items()}
+    found = main_effects(outcomes([near], tables, dict.fromkeys(tables, MET), claims.GRID), rows)
+    assert found.set_index("choice").loc["a", "q"] < 1e-6
+
+
 def test_universes_are_sorted_by_their_distance_from_the_papers_rates() -> None:
     tested = [c for c in claims.load() if c.id.startswith("success-") and c.kind == "near"]
     paper = {"0": 0.808, "0.5": 0.910, "1": 0.997}

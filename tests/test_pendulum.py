@@ -195,11 +195,12 @@ def test_bad_input_is_refused_by_name() -> None:
 
 
 def test_one_integration_step_takes_at_most_a_microsecond() -> None:
-    c, start, n = ThreeLinkPendulum().coefficients, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), 20_000
+    """The best of many short turns: on a busy machine a long one is always interrupted."""
+    c, start, n = ThreeLinkPendulum().coefficients, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), 500
     u = (0.0, 0.0, 0.0)
     _many_steps(c, start, u, 1e-3, 1)
     seconds = []
-    for _ in range(10):
+    for _ in range(1000):
         before = time.perf_counter()
         end = _many_steps(c, start, u, 1e-3, n)
         seconds.append((time.perf_counter() - before) / n)

@@ -32,12 +32,11 @@ def make_multiverse(folder: Path) -> None:
     embedded = (universes["gamma-evidence"] == "embedded").to_numpy()
     tables = []
     for claim in load():
-        margin = rng.normal(size=len(universes))
+        margin = value = rng.normal(size=len(universes))
         if claim.id in multiverse.RATES:
-            margin = np.where(embedded, 0.02, -0.04) + 1e-6 * margin
-        table = pd.DataFrame(
-            {"id": universes.index, "claim": claim.id, "value": claim.value, "margin": margin}
-        )
+            below = np.where(embedded, 0.03, 0.09) + 1e-6 * margin
+            margin, value = claim.tolerance - below, claim.value - below
+        table = pd.DataFrame({"id": universes.index, "claim": claim.id, "value": value, "margin": margin})
         tables.append(table.assign(holds=margin > 0, why=""))
     results = pd.concat(tables, ignore_index=True).astype({"holds": object})
     for name, made in {
