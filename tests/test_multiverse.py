@@ -159,7 +159,7 @@ def test_a_choice_that_decides_is_found_and_others_are_not() -> None:
 
 
 def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
-    """From 0.1 below to 0.1 above 80.8 %: the distance from the number, and so the margin, stays as it was."""
+    """From 0.1 below to 0.1 above 80.8 %: the distance from it, and so the margin, stays as it was."""
     near = next(c for c in claims.load() if c.id == "success-mnd")
     rows, rng = design(TOY, 60), np.random.default_rng(3)
     values = {
