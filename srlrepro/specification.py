@@ -1,5 +1,6 @@
 """Specification curves: a claim over all universes, and the choices behind each (Simonsohn et al., 2020)."""
 
+import textwrap
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -16,6 +17,7 @@ from srlrepro.multiverse import ALONE, RANDOM, Choice
 LEVEL_COLORS = ("#D9D9D9", "#E69F00", "#CC79A7")  # the default, first and second alternative
 SHAPES = {ALONE: "o", RANDOM: "^"}
 HOLDS, FAILS, PAPER, DEFAULT = "#1B1B1B", "#FFFFFF", "#B00000", "#0072B2"
+TITLE_WIDTH = 70  # characters that fit above the axes
 
 
 def curve_table(claim: Claim, results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
@@ -38,9 +40,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
         fills = np.where(part["holds"], HOLDS, FAILS)
         top.scatter(part.index, part["value"], 22, fills, marker=shape, edgecolors=HOLDS, linewidths=0.7)
     default = table[table["id"] == "default"]
-    top.scatter(
-        default.index, default["value"], 130, "none", marker="s", edgecolors="#0072B2", linewidths=1.5
-    )
+    top.scatter(default.index, default["value"], 130, "none", marker="s", edgecolors=DEFAULT, linewidths=1.5)
     near = claim.kind == "near"
     top.axhline(claim.value if near else 0.0, color=PAPER, linewidth=1)
     if near:
@@ -51,9 +51,8 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
         claim.measure.replace("_", " ") if near else f"margin of\n{claim.measure.replace('_', ' ')}"
     )
     held = int(table["holds"].sum())
-    top.set_title(
-        f"{claim.statement}\nholds in {held} of {len(table)} universes; {total - len(table)} not evaluable"
-    )
+    counts = f"holds in {held} of {len(table)} universes; {total - len(table)} not evaluable"
+    top.set_title(f"{textwrap.fill(claim.statement, TITLE_WIDTH)}\n{counts}")
     levels = [[entry.level for entry in c.levels] for c in choices]
     codes = [table[c.id].map(names.index) for c, names in zip(choices, levels, strict=True)]
     bottom.imshow(
