@@ -19,13 +19,13 @@ STOPPED = 130
 def training(checkout: Path, name: str, nohup: bool) -> Iterator[subprocess.Popen[bytes]]:
     """A driver in a session of its own, which has a kernel at work; with nohup SIGINT is ignored."""
 
-    def ignore() -> None:
-        if nohup:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    def treat() -> None:
+        """Whatever this process ignores itself, as one in the background does."""
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN if nohup else signal.SIG_DFL)
 
     options = ["--name", name, *grid.OPTIONS]
-    own = {"start_new_session": True, "preexec_fn": ignore, "stdout": subprocess.DEVNULL}
+    own = {"start_new_session": True, "preexec_fn": treat, "stdout": subprocess.DEVNULL}
     with start(checkout, *options, **own) as driver:
         try:
             grid.seconds_until(lambda: bool(grid.processes(checkout)["kernel"]), grid.LIMIT)
