@@ -37,7 +37,9 @@ rule multiverse:
         tables=expand(f"{FIGURES}/{{table}}.csv", table=["outcomes", "shares", "flips", "main_effects", "papers_rates"]),
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=list(UNIVERSES), DELTAS=DELTAS, NOTE=config["note"]),
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", UNIVERSES=list(UNIVERSES), DELTAS=DELTAS, EVERY_CURVE=True, NOTE=config["note"]
+        ),
     shell:
         execute("14_multiverse")
 

@@ -58,8 +58,9 @@ def judged_states(
             yield name, 1.0, alpha, x, labels
     for delta in deltas:
         real, free = ClosedLoop.from_config(config, delta), visited(paper, ["none"], delta, seeds, rng)
+        of_free = real.predict(free)
         for alpha in (*data, ANY):
-            yield FREE, delta, alpha, free, real.predict(free)
+            yield FREE, delta, alpha, free, of_free
             x = visited(paper, list(data) if alpha == ANY else [alpha], delta, seeds, rng)
             yield "visited, supervised", delta, alpha, x, real.predict(x)
 

@@ -72,7 +72,7 @@ def run_tests(options: list[str]) -> int:
 
     started = time.monotonic()
     checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
-    checks.append(["pytest", "-n", str(min(2, os.cpu_count() or 1)), *options])
+    checks.append(["pytest", "-n", str(min(2, os.cpu_count() or 1)), "--dist", "worksteal", *options])
     results = [
         subprocess.run([sys.executable, "-m", *c], cwd=ROOT, env=environment()).returncode for c in checks
     ]

@@ -86,6 +86,9 @@ class Site:
         self.documents = {str(path): str(path.with_suffix(".html")) for path in texts} | {INDEX: "index.html"}
         self.pages = self.documents | self.notebooks
         self.files: set[str] = set()  # what pages link to or show, to be copied
+        self.exporter = HTMLExporter(
+            template_name="basic", config=Config({"TagRemovePreprocessor": WITHOUT_DEFAULTS})
+        )
 
     def resolve(self, page: str, url: str) -> str:
         """The site's address of what ``page`` names ``url``; files that are no pages are noted for copying.
@@ -113,11 +116,8 @@ class Site:
     def notebook(self, page: str) -> str:
         """An executed notebook as HTML."""
         content = nbformat.read(existing(self.root / page), as_version=4)
-        exporter = HTMLExporter(
-            template_name="basic", config=Config({"TagRemovePreprocessor": WITHOUT_DEFAULTS})
-        )
-        exporter.register_filter("markdown2html", lambda source: self.markdown(page, source))
-        html: str = exporter.from_notebook_node(content)[0]
+        self.exporter.register_filter("markdown2html", lambda source: self.markdown(page, source))
+        html: str = self.exporter.from_notebook_node(content)[0]
         return html
 
     def figures(self) -> Iterator[dict[str, str]]:

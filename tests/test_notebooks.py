@@ -104,14 +104,16 @@ def test_sources_are_small_and_compare_a_result(path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_notebook_runs_and_gives_the_recorded_results(tmp_path: Path) -> None:
+@pytest.mark.parametrize("of_studies", [False, True], ids=["grid", "studies"])
+def test_every_notebook_runs_and_gives_the_recorded_results(tmp_path: Path, of_studies: bool) -> None:
     """In their order: later notebooks read what earlier ones write."""
     folder = tmp_path / "notebooks"
     folder.mkdir()
-    for path in NOTEBOOKS:
+    chosen = [path for path in NOTEBOOKS if (path.stem in APART) == of_studies]
+    for path in chosen:
         shutil.copy(path, folder)
-    done = nbval(folder, *[path.name for path in NOTEBOOKS])
-    cells = sum(c.cell_type == "code" for path in NOTEBOOKS for c in nbformat.read(path, as_version=4).cells)
+    done = nbval(folder, *[path.name for path in chosen])
+    cells = sum(c.cell_type == "code" for path in chosen for c in nbformat.read(path, as_version=4).cells)
     assert done.returncode == 0, done.stdout[-4000:]
     assert f"{cells} passed" in done.stdout
 
