@@ -63,8 +63,9 @@ rule theorem:
     params:
         values=config["values"],
         parameters=parameters(
-            FIGURES=f"../{FIGURES}", RUNS=CALIBRATED + FREE, DATA_SEED=DATA_SEEDS[0], DATASETS=5, NOTE=config["note"],
+            FIGURES=f"../{FIGURES}", RUNS=CALIBRATED + FREE, DATA_SEED=DATA_SEEDS[0], DATASETS=5,
             STATES=1000 if config["note"] else 5000,  # a reduced run need not wait minutes for it
+            NOTE=config["note"],
         ),
     shell:
         execute("12_theorem")
