@@ -252,7 +252,7 @@ def test_learning_is_the_same_in_law() -> None:
     for seed in range(10):
         for index, kind in enumerate(found):
             model = pair(Run(0.5, 1.5, 2 * seed + index, 1), REGION, config)[index]
-            model.learn(5 * config.paper.n_steps)
+            model.learn(10 * config.paper.n_steps)
             last = list(model.ep_info_buffer)
             found[kind].append((np.mean([e["r"] for e in last]), np.mean([e["l"] for e in last])))
     stock, compiled = (np.array(found[kind]) for kind in found)
