@@ -7,4 +7,4 @@ python=${PYTHON:-python3}
     echo "reproduce.sh: Python 3.11 or newer is needed: name one in the variable PYTHON" >&2
     exit 2
 }
-exec "$python" -B -m srlrepro.reproduce "$@"
+exec "$python" -B -m workflow.driver "$@"

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from benchmarks.learner import kernels, measure, start, summary
-from srlrepro.files import write_table
-from srlrepro.plan import Parser
+from srlrepro.settings.command_line import Parser
+from srlrepro.storage.files import write_table
 
 OUT = Path(__file__).parent.parent / "docs" / "benchmark.csv"
 

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from srlrepro.compiled_ppo import CompiledPPO
-from srlrepro.config import Config
-from srlrepro.network import Network, Passes, Reals, adam, tanh
-from srlrepro.pendulum import jit
-from srlrepro.safe_region import SafeRegion, learn
-from srlrepro.sampling import generate
-from srlrepro.training import Run, make_env, make_learner
-from srlrepro.updating import Learner
+from srlrepro.dynamics.pendulum import jit
+from srlrepro.fast_ppo.network import Network, Passes, Reals, adam, tanh
+from srlrepro.fast_ppo.ppo import CompiledPPO
+from srlrepro.fast_ppo.update import Learner
+from srlrepro.learner.training import Run, make_env, make_learner
+from srlrepro.region.safe_region import SafeRegion, learn_region
+from srlrepro.samplers import generate
+from srlrepro.settings.config import Config
 
 ALPHA, DELTA = 0.5, 1.1
 REPEATS = 1000  # of a kernel in one turn
@@ -156,7 +156,7 @@ def measure(turns: int) -> list[Timing]:
     """Stock against compiled; and the compiled gradient step against its floor, which is the faster way."""
     torch.set_num_threads(1)
     config = Config()
-    region = learn(generate(ALPHA, config, 0), config)
+    region = learn_region(generate(ALPHA, config, 0), config)
     free, supervised = learners(config, None), learners(config, region)
     compiled = free[1]
     assert isinstance(compiled, CompiledPPO)

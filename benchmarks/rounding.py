@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from srlrepro.files import write_table
+from srlrepro.storage.files import write_table
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "rounding.csv"

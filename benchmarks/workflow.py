@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from srlrepro.files import write_table
-from srlrepro.plan import ALPHAS, DELTAS, Parser, make_parser, plan
+from srlrepro.storage.files import write_table
+from workflow.command_line import ALPHAS, DELTAS, Parser, make_parser
+from workflow.plan import plan
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "overhead.csv"
@@ -58,11 +59,10 @@ def measure(cells: int) -> dict[str, float]:
     seeds = cells // (len(ALPHAS) * len(DELTAS))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for name in ("srlrepro", "notebooks", "rules"):
+        for name in ("srlrepro", "replication", "workflow", "notebooks"):
             shutil.copytree(
                 ROOT / name, folder / name, ignore=shutil.ignore_patterns("executed", "__pycache__")
             )
-        shutil.copy(ROOT / "Snakefile", folder)
         grid = plan(make_parser().parse_args(["--seeds", str(seeds), "--name", "overhead", "--steps", "1"]))
         (folder / CONFIGURATION).write_text(json.dumps(grid))
         _, dry = snakemake(folder, "--dry-run", "--quiet", "rules", "reason")

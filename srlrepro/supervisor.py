@@ -1,17 +1,17 @@
 """The supervisor of eq. (6): π(x) until the first predicted-unsafe state, then K(x), then a new trial."""
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from srlrepro.config import ParameterError
-from srlrepro.env import TIME_OVER, Task, ThreeLinkCircleEnv
-from srlrepro.judging import NO_GAINS, Judge, safe_probability
-from srlrepro.labels import NOT_RECOVERED, OUTCOMES, ClosedLoop, Labels, Rollouts, recover
-from srlrepro.lqg import LQG, Gains
-from srlrepro.pendulum import Floats, jit
+from srlrepro.dynamics.circle_env import TIME_OVER, Task, ThreeLinkCircleEnv
+from srlrepro.dynamics.closed_loop import NOT_RECOVERED, OUTCOMES, ClosedLoop, Rollouts, recover
+from srlrepro.dynamics.lqg import LQG, Gains
+from srlrepro.dynamics.pendulum import Floats, jit
+from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Judge, safe_probability
+from srlrepro.settings.fields import ParameterError
 
 SUPERVISED = "supervised"
 NOT_TRIED = NOT_RECOVERED + 1  # an activation where the trial ends without K
@@ -51,37 +51,6 @@ def watch(guard: Guard, task: Task, x: Floats, ended: int) -> tuple[int, int]:
     if not guard.corrects:
         return NOT_TRIED, 0
     return recover(task.coefficients, guard.gains, task.limits, guard.periods, x, np.empty((0, 6)))
-
-
-class Hypothesis(Protocol):
-    """Anything that predicts safety: h(x) (a SafeRegion), or l(x) itself (a ClosedLoop, eq. 3)."""
-
-    def predict(self, x: ArrayLike) -> Labels:
-        """Labels [B] of the states x [B, 6]: 1 = safe."""
-        ...
-
-
-@runtime_checkable
-class CompiledHypothesis(Hypothesis, Protocol):
-    """A hypothesis that compiled code knows: h(x) = 1 if P(l(x) = 1) > p_t (`hypotheses`)."""
-
-    @property
-    def p_t(self) -> float:
-        """Threshold of eq. (5)."""
-        ...
-
-    @property
-    def judge(self) -> Judge:
-        """This hypothesis for `safe_probability`."""
-        ...
-
-    def safety(self, x: ArrayLike) -> Floats:
-        """P(l(x) = 1) [B] of the states x [B, 6]."""
-        ...
-
-    def digest(self) -> str:
-        """SHA-256 of what h depends on, to tell hypotheses apart."""
-        ...
 
 
 class Supervisor(

@@ -11,7 +11,7 @@ from typing import Any
 import numba
 from numba.core.caching import _CacheLocator
 
-from srlrepro import pendulum
+from srlrepro.dynamics import pendulum  # noqa: F401  (says where compiled code is kept)
 
 ROOT = Path(__file__).parent.parent
 
@@ -20,20 +20,20 @@ def _share_compiled(checkout: Path) -> None:
     """Let a copy use the compiled code of this checkout, which numba names by the folder of the sources."""
     name = _CacheLocator.get_suitable_cache_subpath
     kept = Path(numba.config.CACHE_DIR)
-    here = kept / name(pendulum.__file__)
     package = checkout / "srlrepro"
-    there = package / "__pycache__" / kept.name / name(str(package / "pendulum.py"))
-    here.mkdir(parents=True, exist_ok=True)
-    there.parent.mkdir(parents=True)
-    there.symlink_to(here)
+    for source in sorted({path.parent for path in package.rglob("*.py") if "@jit" in path.read_text()}):
+        here = kept / name(str(ROOT / source.relative_to(checkout) / "module.py"))
+        there = package / "__pycache__" / kept.name / name(str(source / "module.py"))
+        here.mkdir(parents=True, exist_ok=True)
+        there.parent.mkdir(parents=True, exist_ok=True)
+        there.symlink_to(here)
 
 
 def copy_sources(folder: Path) -> Path:
     """Make a checkout in an empty folder."""
-    for name in ("srlrepro", "notebooks", "profiles", "rules"):
+    for name in ("srlrepro", "replication", "workflow", "notebooks"):
         ignored = shutil.ignore_patterns("executed", "__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-    shutil.copy(ROOT / "Snakefile", folder)
     (folder / ".venv").symlink_to(sys.prefix)
     _share_compiled(folder)
     return folder
@@ -43,7 +43,7 @@ def start(
     checkout: Path, *options: str, environment: Mapping[str, str] = os.environ, **process: Any
 ) -> subprocess.Popen[bytes]:
     """The driver with these options in a checkout."""
-    command = [str(checkout / ".venv" / "bin" / "python"), "-m", "srlrepro.reproduce", *options]
+    command = [str(checkout / ".venv" / "bin" / "python"), "-m", "workflow.driver", *options]
     variables = {**environment, "PYTHONPATH": str(checkout)}
     return subprocess.Popen(command, cwd=checkout, env=variables, **process)
 

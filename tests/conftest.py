@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 from learned import Learned
 
-from srlrepro.config import Config
-from srlrepro.documents import FIGURES
-from srlrepro.pendulum import Floats
-from srlrepro.safe_region import learn
-from srlrepro.sampling import generate
+from replication.documents import FIGURES
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.region.safe_region import learn_region
+from srlrepro.samplers import generate
+from srlrepro.settings.config import Config
 
 
 @pytest.fixture
@@ -48,14 +48,14 @@ def small_config() -> Config:
 def small(small_config: Config) -> Learned:
     """A region of few training states, which takes about a second."""
     data = generate(0.5, small_config, seed=0)
-    return data, learn(data, small_config)
+    return data, learn_region(data, small_config)
 
 
 @pytest.fixture(scope="session")
 def full() -> dict[float, Learned]:
     """The regions of the replication, for every α of the paper."""
     sets = {alpha: generate(alpha, Config(), seed=0) for alpha in (0.0, 0.5, 1.0)}
-    return {alpha: (data, learn(data, Config())) for alpha, data in sets.items()}
+    return {alpha: (data, learn_region(data, Config())) for alpha, data in sets.items()}
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,6 @@
 """A type that tests share."""
 
-from srlrepro.safe_region import SafeRegion
-from srlrepro.sampling import TrainingData
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.samplers import TrainingData
 
 Learned = tuple[TrainingData, SafeRegion]

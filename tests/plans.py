@@ -1,6 +1,7 @@
 """What the driver plans for a command line."""
 
-from srlrepro.plan import make_parser, plan
+from workflow.command_line import make_parser
+from workflow.plan import plan
 
 
 def planned(*arguments: str) -> dict[str, object]:

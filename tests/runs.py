@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 
-from srlrepro.config import Config
-from srlrepro.files import read_arrays
-from srlrepro.safe_region import SafeRegion
-from srlrepro.supervisor import Hypothesis
-from srlrepro.training import VISITED_FORMAT, Run, train
+from srlrepro.learner.training import VISITED_FORMAT, Run, train
+from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import read_arrays
 
 UPDATE, UPDATES = 64, 6
 CONFIG = Config().with_values(

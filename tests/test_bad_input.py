@@ -18,15 +18,26 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from workflow.main_tmp import main
 
-from srlrepro import claims, importing, notebooks, reproduce, safe_region, sampling, tracing, training
-from srlrepro.__main__ import main
-from srlrepro.claims import MEASURE_COLUMNS
-from srlrepro.config import Choices, Config, Paper, ParameterError, parse_settings
-from srlrepro.notebooks import SETTINGS
-from srlrepro.parameters import one_line
-from srlrepro.plan import check_workflow, make_parser, plan
-from srlrepro.sampling import MultivariateNormal, TrainingData
+from replication.evidence import claims
+from replication.evidence.claims import MEASURE_COLUMNS
+from srlrepro import samplers as sampling
+
+# DROPPED tracing
+from srlrepro.learner import training
+from srlrepro.region import safe_region
+from srlrepro.samplers import MultivariateNormal, TrainingData
+from srlrepro.settings.choices import Choices
+from srlrepro.settings.config import Config, parse_settings
+from srlrepro.settings.fields import ParameterError, one_line
+from srlrepro.settings.paper import Paper
+from workflow import driver as reproduce
+
+# DROPPED importing
+from workflow import notebooks
+from workflow.notebooks import SETTINGS
+from workflow.plan import check_workflow, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -359,8 +370,8 @@ def test_parameters_of_notebooks(place: Path, record_property: Callable[[str, ob
         ["-m", "srlrepro", "label", "--state", *["0"] * 6, "--set", "control_period=1e-320"],
         ["-m", "srlrepro", "execute", str(NOTEBOOKS[0]), "x.ipynb", "--parameters", "[" * 9000],
         ["-m", "srlrepro", "train", "--alpha", "none", "--delta", "1", "--out", "a\nb", "--set", "k=\n"],
-        ["-B", "-m", "srlrepro.reproduce", "--seeds", "9" * 3000],
-        ["-B", "-m", "srlrepro.reproduce", "--name", "\udcff\n../x"],
+        ["-B", "-m", "workflow.driver", "--seeds", "9" * 3000],
+        ["-B", "-m", "workflow.driver", "--name", "\udcff\n../x"],
     ],
     ids=["seed", "period", "nested", "line feed", "seeds", "name"],
 )

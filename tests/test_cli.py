@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from workflow.main_tmp import main
 
-from srlrepro.__main__ import main
-from srlrepro.safe_region import SafeRegion
+from srlrepro.region.safe_region import SafeRegion
 
 ROOT = Path(__file__).parent.parent
 SMALL = [

@@ -6,9 +6,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from srlrepro.files import write_table
-from srlrepro.notebooks import execute
-from srlrepro.provenance import EVERYTHING, code_hash
+from srlrepro.storage.files import write_table
+from srlrepro.storage.provenance import EVERYTHING, code_hash
+from workflow.notebooks import execute
 
 ROOT = Path(__file__).parent.parent
 

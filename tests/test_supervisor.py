@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import RecordEpisodeStatistics
 
-from srlrepro.config import Config
-from srlrepro.env import ThreeLinkCircleEnv
-from srlrepro.labels import ClosedLoop
-from srlrepro.lqg import LQG
-from srlrepro.pendulum import Floats
-from srlrepro.supervisor import Hypothesis, Supervisor
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.dynamics.lqg import LQG
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.settings.config import Config
+from srlrepro.supervisor import Supervisor
 
 IDLE = np.zeros(3, np.float32)
 QUIET = {"activated": False, "recovery": "", "recovery_time": 0.0}

@@ -15,17 +15,17 @@ import pytest
 from learned import Learned
 from runs import FREE, STOCK
 from stable_baselines3 import PPO
+from workflow.commands import load_training_data
+from workflow.main_tmp import main
 
-from srlrepro import files
-from srlrepro.__main__ import main
-from srlrepro.behaviour import load_policy
-from srlrepro.commands import load_training_data
-from srlrepro.config import ParameterError
-from srlrepro.files import ResultError, read_arrays, read_json, read_table
-from srlrepro.notebooks import check_parameters, parameters_of
-from srlrepro.plan import check_workflow, make_parser, plan
-from srlrepro.safe_region import FORMAT, SafeRegion
-from srlrepro.training import VISITED_FORMAT, make_env, make_learner
+from srlrepro.learner.training import VISITED_FORMAT, make_env, make_learner
+from srlrepro.learner.trials import load_policy
+from srlrepro.region.safe_region import FORMAT, SafeRegion
+from srlrepro.settings.fields import ParameterError
+from srlrepro.storage import files
+from srlrepro.storage.files import ResultError, read_arrays, read_json, read_table
+from workflow.notebooks import check_parameters, parameters_of
+from workflow.plan import check_workflow, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
 SOURCES = sorted([*ROOT.glob("srlrepro/*.py"), *ROOT.glob("benchmarks/*.py"), ROOT / "Snakefile"])

@@ -40,8 +40,8 @@ def run(checkout: Path, name: str, *options: str) -> subprocess.CompletedProcess
 def processes(checkout: Path) -> dict[str, list[psutil.Process]]:
     """{kind: processes that work in a checkout}, wherever they hang in the tree."""
     kinds = {
-        "driver": "srlrepro.reproduce",
-        "lifeline": "srlrepro.lifeline",
+        "driver": "workflow.driver",
+        "lifeline": "workflow.lifeline",
         "workflow": "snakemake",
         "notebook": "execute",
         "kernel": "ipykernel_launcher",

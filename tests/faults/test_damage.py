@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 from runs import CASES, UPDATE, narrow_region
 
-from srlrepro.checkpoint import Progress, restore, save
-from srlrepro.files import ResultError, read_arrays, sha256, write_arrays, write_json, write_table
-from srlrepro.notebooks import require_undamaged
-from srlrepro.safe_region import SafeRegion
-from srlrepro.training import identify, make_env, make_learner
+from srlrepro.learner.checkpoint import Progress, restore, save
+from srlrepro.learner.training import identify, make_env, make_learner
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.storage.files import ResultError, read_arrays, sha256, write_arrays, write_json, write_table
+from workflow.notebooks import require_undamaged
 
 TRIES = 60  # of each kind
 

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from checkouts import copy_sources
 
-from srlrepro.files import ResultError, beside, write_arrays, write_json, write_table
+from srlrepro.storage.files import ResultError, beside, write_arrays, write_json, write_table
 
 SMALL = 256 * 1024  # bytes of the disk
 LARGE = np.random.default_rng(0).normal(size=2 * SMALL // 8)  # does not compress

@@ -10,7 +10,7 @@ import grid
 import pytest
 from checkouts import start
 
-from srlrepro.files import UNFINISHED
+from srlrepro.storage.files import UNFINISHED
 
 STOPPED = 130
 

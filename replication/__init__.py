@@ -1,0 +1,1 @@
+"""Judging the paper with the method: measures, claims, studies, figures and documents."""

@@ -1,0 +1,1 @@
+"""From results to verdicts: measures, the claims of the paper, and statistics."""

@@ -1,0 +1,76 @@
+"""Estimates and 95 % intervals for few runs; the run (or the dataset) is the unit, never what happens in it.
+
+Three seeds leave two degrees of freedom. The simulations in ``tests/test_statistics.py`` decided which
+interval is used. The t-interval covers the mean of 3 or of 10 normal values in 95 % of the cases; the
+percentile bootstrap does so in 3 of 4 cases at n = 3, and it and BCa in 9 of 10 at n = 10. Where values are
+skewed the t-interval misses its level too, but by less. For two-humped values (some runs learn, others do
+not) no interval of three seeds keeps its level: three runs of one kind say nothing of the other. So means
+have t-intervals at every n; the bootstrap is left to statistics over many cells, which have no formula.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from srlrepro.dynamics.pendulum import Floats
+
+LEVEL = 0.95
+RESAMPLES = 5000  # an end of an interval is the 125th of the ordered resamples
+
+Bounds = tuple[float, float]
+
+
+def mean_interval(mean: float, spread: float, n: int, level: float = LEVEL) -> Bounds:
+    """(low, high) of Student's t-interval of a mean of n values with the sample standard deviation spread.
+
+    NaN for fewer than two values, which tell nothing of their spread; no width if all values are equal.
+    """
+    if n < 2:
+        return float("nan"), float("nan")
+    half = float(stats.t.ppf((1 + level) / 2, n - 1)) * spread / n**0.5
+    return mean - half, mean + half
+
+
+def share_interval(successes: int, n: int, level: float = LEVEL) -> Bounds:
+    """(low, high) of the share of n runs that have a property; exact (Clopper and Pearson, 1934)."""
+    if n < 1:
+        return float("nan"), float("nan")
+    interval = stats.binomtest(successes, n).proportion_ci(level, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def interquartile_mean(values: ArrayLike, axis: int = 0) -> Floats:
+    """Mean of the middle half of the values along an axis (Agarwal et al., 2021); no few runs decide it."""
+    return np.asarray(stats.trim_mean(np.asarray(values), 0.25, axis=axis))
+
+
+def stratified_bootstrap(
+    cells: Sequence[ArrayLike],
+    rng: Generator,
+    statistic: Callable[..., Floats] = interquartile_mean,
+    level: float = LEVEL,
+) -> Bounds:
+    """(low, high) of a statistic over all cells, by the percentile bootstrap.
+
+    Runs are drawn anew within each cell. cells: the values [n] of the runs of each condition; statistic: of
+    all values, along an axis. NaN if a cell has fewer than two values.
+    """
+    if min(map(np.size, cells)) < 2:
+        return float("nan"), float("nan")
+
+    def over_cells(*samples: Floats, axis: int = -1) -> Floats:
+        return statistic(np.concatenate(samples, axis=axis), axis=axis)
+
+    found = stats.bootstrap(
+        tuple(np.asarray(cell) for cell in cells),
+        over_cells,
+        n_resamples=RESAMPLES,
+        confidence_level=level,
+        method="percentile",
+        axis=-1,
+        rng=rng,
+    ).confidence_interval
+    return float(found.low), float(found.high)

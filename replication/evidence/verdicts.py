@@ -1,0 +1,134 @@
+"""What README and report say of the claims: the verdicts of the paper's three seeds and of a larger set."""
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load
+from srlrepro.settings.choices import Choices
+from srlrepro.settings.paper import Paper
+from srlrepro.storage.files import read_json, read_table
+
+THREE, LARGER = "full", "seeds_10"  # results of the paper's three seeds, and those on which verdicts rest
+LONG = {  # a run beyond the paper's grid: the table that shows that it is complete, and what it gives
+    LARGER: ("claims.csv", "verdicts on a larger set of seeds"),
+    "multiverse": ("shares.csv", "the multiverse"),
+    "hypotheses": ("hypotheses_better.csv", "learners under other hypotheses"),
+}
+DECIDED = ("supports", "contradicts")  # of the states of a contrast
+AGAINST = ("contradicts", "unresolved", "supports", "not measured")  # states of a contrast, the worst first
+COLUMNS = ("id", "statement", "place", "paper", "estimates", "n", "points", "verdict", "ill_posed", "joins")
+CONTRASTS = (
+    *("id", "contrast", "estimate", "low", "high", "least", "most", "n"),
+    *("state", "half_width_of_three", "state_of_three"),
+)
+
+
+def is_there(figures: Path, name: str) -> bool:
+    """Whether a run of `LONG` has left its results in a folder of figures."""
+    return (figures / name / LONG[name][0]).exists()
+
+
+def resting(figures: Path) -> str:
+    """The name of the results on which the verdicts rest, of those in a folder of figures."""
+    return LARGER if is_there(figures, LARGER) else THREE
+
+
+def _runs(folder: Path) -> pd.DataFrame:
+    """The runs behind a table of measures: alpha, delta, seed, a row each."""
+    cells = read_table(folder / "measures.csv", ("alpha", "delta", "seed", "value"))
+    return cells.dropna(subset=["alpha", "delta"])[["alpha", "delta", "seed"]].drop_duplicates()
+
+
+def judged(figures: Path) -> dict[str, Any]:
+    """The claims, their verdicts and what these rest on, for the templates.
+
+    ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
+    empty without that set; ``settled`` and ``changed``: of the well-posed claims, how many that three seeds
+    leave open the larger set does not, and how many others it judges otherwise; ``further``: its runs beyond
+    the three seeds; ``papers``: success rates that the paper gives, as it writes them; ``best``: the return
+    of a perfect trial.
+
+    Raises:
+        ResultError: a table is missing.
+    """
+    claims = read_table(figures / THREE / "claims.csv", COLUMNS)
+    cells = _runs(figures / THREE)
+    three = claims[["id", "verdict"]].rename(columns={"verdict": "verdict_of_three"})
+    larger, further = claims.iloc[:0], 0
+    if resting(figures) == LARGER:
+        larger = read_table(figures / LARGER / "claims.csv", COLUMNS)
+        further = len(_runs(figures / LARGER)) - len(cells)
+    larger = larger.merge(three, on="id", how="left")
+    sound = larger[larger["ill_posed"].isna()]
+    left_open, moved = (
+        sound["verdict_of_three"] == "inconclusive",
+        sound["verdict"] != sound["verdict_of_three"],
+    )
+    return {
+        "verdicts": VERDICTS,
+        "claims": claims.fillna("").to_dict("records"),
+        "larger": larger.fillna("").to_dict("records"),
+        "settled": int((moved & left_open).sum()),
+        "changed": int((moved & ~left_open).sum()),
+        "further": further,
+        "run": read_json(figures / THREE / "run_time.json"),
+        "runs": len(cells),
+        "seeds": cells["seed"].nunique(),
+        "papers": [claim.paper for claim in load() if claim.id in RATES],
+        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
+        "missing": [text for name, (_, text) in LONG.items() if not is_there(figures, name)],
+        "conditions": len(cells[["alpha", "delta"]].drop_duplicates()),
+    }
+
+
+def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
+    """The contrast of a claim that speaks most against it: its name, and its estimate.
+
+    One that contradicts comes before one that is unresolved, and this before one that supports; of the same
+    state, the one that lies least within the range where the claim holds. The estimate is in words, with its
+    interval; in units of the measure where the claim compares with a number, else the difference, positive
+    towards the claim.
+    """
+    reach = contrasts["estimate"] - contrasts["least"], contrasts["most"] - contrasts["estimate"]
+    margin = pd.concat(reach, axis=1).min(axis=1, skipna=False)
+    if margin.isna().all():
+        return {"contrast": "", "estimate": "not measured"}
+    ranked = contrasts.assign(margin=margin, rank=contrasts["state"].map(AGAINST.index))
+    row = ranked.sort_values(["rank", "margin"]).to_dict("records")[0]
+    value, low, high = row["estimate"], row["low"], row["high"]
+    if claim.kind in ("at_least", "near"):  # `claims` subtracts the number
+        value, low, high = claim.value + value, claim.value + low, claim.value + high
+    elif claim.kind == "at_most":  # and turns this kind round
+        value, low, high = claim.value - value, claim.value - high, claim.value - low
+    if claim.paper.endswith("%"):
+        words = f"{100 * value:.4g} [{100 * low:.4g}, {100 * high:.4g}] %"
+    else:
+        words = f"{value:.3g} [{low:.3g}, {high:.3g}]"
+    return {"contrast": row["contrast"], "estimate": words}
+
+
+def rows(figures: Path, judgement: dict[str, Any]) -> list[dict[str, Any]]:
+    """The claims of `judged` in order, each followed by those that join it, with its weakest contrast.
+
+    ``contrasts``, ``open``: how many, and how many undecided; ``lost``: names of those that these seeds
+    decide, and three with the same mean and spread would not.
+    """
+    contrasts = read_table(figures / resting(figures) / "contrasts.csv", CONTRASTS)
+    told = judgement["larger"] or judgement["claims"]
+    tests = {claim.id: claim for claim in load()}
+    groups = [[c, *(j for j in told if j["joins"] == c["id"])] for c in told if not c["joins"]]
+    found = []
+    for claim in (entry for group in groups for entry in group):
+        own = contrasts[contrasts["id"] == claim["id"]]
+        counts = own["state"].value_counts().reindex(STATES, fill_value=0)
+        states = " · ".join(str(counts[state]) for state in ("supports", "contradicts", "unresolved"))
+        lost = own["state"].isin(DECIDED) & (own["state_of_three"] == "unresolved")
+        found.append(
+            claim
+            | weakest(tests[claim["id"]], own)
+            | {"states": states, "contrasts": len(own), "open": counts["unresolved"]}
+            | {"lost": own.loc[lost, "contrast"].tolist()}
+        )
+    return found

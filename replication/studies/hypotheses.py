@@ -1,0 +1,104 @@
+"""The hypotheses side by side: how well they predict, and how learners fare under their supervision."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.random import Generator
+
+from replication.evidence.measures import TEST_STATES, classification, test_states
+from replication.studies.alternatives import ORACLES, learn_hypothesis
+from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.learner.training import VISITED_FORMAT, Run
+from srlrepro.samplers import TrainingData, generate
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import read_arrays
+
+ANY = "any"  # stands for α where a hypothesis knows the system and learns from no data
+SCORES = ("precision", "recall", "brier")
+FREE = "visited, free"  # states that no hypothesis has influenced
+FOLLOWED = ("final_return", "success_rate", "violations_per_1000_steps")
+
+
+def visited(
+    folder: Path, alphas: Iterable[str], delta: float, seeds: Sequence[int], rng: Generator
+) -> Floats:
+    """`TEST_STATES` of the states [B, 6] that the learners of a universe (its folder) visited, all seeds."""
+    names = [Run(None if a == "none" else float(a), delta, s, 1).name for a in alphas for s in seeds]
+    files = [folder / "runs" / name / "visited.npz" for name in names]
+    states = np.concatenate([read_arrays(file, VISITED_FORMAT, ("x",))["x"] for file in files])
+    return rng.choice(states.astype(np.float64), TEST_STATES)
+
+
+def judged_states(
+    data: Mapping[str, TrainingData],
+    config: Config,
+    paper: Path,
+    deltas: Iterable[float],
+    seeds: Sequence[int],
+    rng: Generator,
+) -> Iterator[tuple[str, float, str, Floats, Labels]]:
+    """(states, Δ, α that they belong to, x [B, 6], labels [B]) of everything that hypotheses are judged on.
+
+    UD and MND, labelled on the nominal system (Δ = 1); states that the free learner and the learner under the
+    paper's region visited, labelled on the real one. Those under the region are of the region's α, and for a
+    hypothesis without α (`ANY`) of all. ``paper`` is the folder of the paper's universe.
+    """
+    for name, (x, labels) in test_states(next(iter(data.values())).mnd, config, rng).items():
+        for alpha in (*data, ANY):
+            yield name, 1.0, alpha, x, labels
+    for delta in deltas:
+        real, free = ClosedLoop.from_config(config, delta), visited(paper, ["none"], delta, seeds, rng)
+        of_free = real.predict(free)
+        for alpha in (*data, ANY):
+            yield FREE, delta, alpha, free, of_free
+            x = visited(paper, list(data) if alpha == ANY else [alpha], delta, seeds, rng)
+            yield "visited, supervised", delta, alpha, x, real.predict(x)
+
+
+def classify(
+    kinds: Iterable[str],
+    alphas: Iterable[str],
+    config: Config,
+    paper: Path,
+    deltas: Iterable[float],
+    seeds: Sequence[int],
+    data_seed: int,
+) -> pd.DataFrame:
+    """One row per hypothesis, α and set of `judged_states`: hypothesis, alpha, states, delta, scores."""
+    data = {alpha: generate(float(alpha), config, data_seed) for alpha in alphas}
+    sets = list(judged_states(data, config, paper, deltas, seeds, np.random.default_rng([data_seed, 15])))
+    rows = []
+    for kind in kinds:
+        varied = config.with_values(hypothesis=kind)
+        conditions: Mapping[str, TrainingData | None] = {ANY: None} if kind in ORACLES else data
+        fitted = {alpha: learn_hypothesis(d, varied, data_seed) for alpha, d in conditions.items()}
+        for states, delta, alpha, x, labels in sets:
+            if alpha in fitted:
+                h = learn_hypothesis(None, varied, delta=delta) if kind == "real" else fitted[alpha]
+                cell = {"hypothesis": kind, "alpha": alpha, "states": states, "delta": delta}
+                rows.append(cell | classification(h, x, labels))
+    return pd.DataFrame(rows)
+
+
+def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
+    """Spearman's rank correlation of each score on the states `FREE` with what learners got, for each Δ.
+
+    Columns: delta, score, cells (compared pairs of a hypothesis and an α), `FOLLOWED`. Hypotheses that know
+    the system are left out, as they learn from no data.
+
+    Args:
+        scores: as of `classify`.
+        learned: hypothesis, alpha, delta and `FOLLOWED`, means over seeds, of what was trained.
+    """
+    judged = scores[(scores["states"] == FREE) & (scores["alpha"] != ANY)]
+    joined = judged.merge(learned, on=["hypothesis", "alpha", "delta"])
+    rows = [
+        {"delta": delta, "score": score, "cells": len(cells)}
+        | {name: cells[score].corr(cells[name], method="spearman") for name in FOLLOWED}
+        for delta, cells in joined.groupby("delta")
+        for score in SCORES
+    ]
+    return pd.DataFrame(rows, columns=["delta", "score", "cells", *FOLLOWED])

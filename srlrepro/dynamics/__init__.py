@@ -1,0 +1,1 @@
+"""The pendulum, its controller K(x), the labels of eq. (2), and the task (Sec. IV-A)."""

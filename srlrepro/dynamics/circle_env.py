@@ -1,0 +1,221 @@
+"""The task as a gymnasium environment: the end-effector follows a circle (Sec. IV-A, App. C).
+
+Registered as ``srlrepro/ThreeLinkCircle-v0``. The same environment serves every condition; the
+supervisor is a wrapper around it.
+"""
+
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from srlrepro.dynamics.closed_loop import (
+    HIT_GROUND,
+    NOT_RECOVERED,
+    ClosedLoop,
+    Limits,
+    RecoveryRule,
+    hold_torque,
+)
+from srlrepro.dynamics.pendulum import (
+    Coefficients,
+    Floats,
+    State,
+    ThreeLinkPendulum,
+    Torque,
+    as_state,
+    jit,
+    tip,
+)
+from srlrepro.dynamics.rendering import PendulumView
+from srlrepro.settings.config import Config
+from srlrepro.settings.fields import check
+from srlrepro.settings.paper import Paper
+
+Circle = tuple[float, float, float]  # height of the centre (m), radius (m), speed (rad/s)
+TIME_OVER = 10  # beside the outcomes of `hold_torque`
+ENDS = {0: "", HIT_GROUND: "hit the ground", NOT_RECOVERED: "diverged", TIME_OVER: "time limit"}
+
+
+@jit
+def target(circle: Circle, t: float) -> tuple[float, float]:
+    """p_d(t): the point (m) on the circle (height of its centre, radius, speed) at the time t (s).
+
+    The target starts at the top, where the end-effector of the zero configuration is, and turns
+    clockwise.
+    """
+    height, radius, speed = circle
+    return radius * np.sin(speed * t), height + radius * np.cos(speed * t)
+
+
+class Task(NamedTuple):
+    """The task as compiled code takes it.
+
+    Attributes:
+        coefficients, lengths: of the pendulum; limits: of the integration and of a trial.
+        circle: height of its centre (m), radius (m), speed (rad/s).
+        reward: (R_c, penalty per metre); torque_limit: N·m; action_unit: N·m of an action of 1.
+        scale: [6] units of the observed state; control_period: s; periods: of a trial.
+    """
+
+    coefficients: Coefficients
+    lengths: Torque
+    limits: Limits
+    circle: Circle
+    reward: tuple[float, float]
+    torque_limit: float
+    action_unit: float
+    scale: Floats
+    control_period: float
+    periods: int
+
+
+@jit
+def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
+    """One control period, the so-manieth of a trial (from 0): (state, R, why the trial ends or 0).
+
+    action: 3-tuple, in units of ``action_unit``; the torque is limited here. R is that of the state and the
+    target at the end of the period.
+    """
+    unit, limit = task.action_unit, task.torque_limit
+    u = (
+        min(max(unit * action[0], -limit), limit),
+        min(max(unit * action[1], -limit), limit),
+        min(max(unit * action[2], -limit), limit),
+    )
+    state, ended = hold_torque(task.coefficients, task.limits, state, u)
+    px, py = tip(task.lengths, state)
+    dx, dy = target(task.circle, (period + 1) * task.control_period)
+    reward = task.reward[0] - task.reward[1] * np.hypot(px - dx, py - dy)  # App. C: R = R_c − 10 ‖p_e − p_d‖
+    if ended == 0 and period + 1 >= task.periods:
+        ended = TIME_OVER
+    return state, reward, ended
+
+
+@jit
+def observe(task: Task, state: State, period: int, out: NDArray[np.float32]) -> None:
+    """Observation [8]: the state in units of ``scale``, sine and cosine of the target's phase."""
+    for j in range(6):
+        out[j] = state[j] / task.scale[j]
+    phase = task.circle[2] * (period * task.control_period)
+    out[6], out[7] = np.sin(phase), np.cos(phase)
+
+
+class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Track the circle with the pendulum of mismatch Δ.
+
+    Observation [8]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
+    Action [3]: torques in units of ``action_unit``, within the torque limit. Reward: App. C.
+    A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
+    integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;
+    ``info["outcome"]`` then says which.
+
+    Args:
+        delta: mass mismatch Δ > 0.
+        trial_length: s; the configuration's if not given.
+        render_mode: "rgb_array", "human" or None.
+        config: every other value.
+
+    Raises:
+        ValueError: a parameter is not allowed.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+
+    def __init__(
+        self,
+        delta: float = 1.0,
+        trial_length: float | None = None,
+        render_mode: str | None = None,
+        config: Config = Config(),
+    ) -> None:
+        length = config.choices.trial_length if trial_length is None else trial_length
+        config = config.with_values(trial_length=length)
+        modes = self.metadata["render_modes"]
+        check(
+            render_mode is None or render_mode in modes, "render_mode", render_mode, f"None or one of {modes}"
+        )
+        paper: Paper = config.paper
+        self.config = config
+        self.render_mode = render_mode
+        loop = ClosedLoop.from_config(config, delta)
+        self.pendulum: ThreeLinkPendulum = loop.system
+        self.rule: RecoveryRule = loop.rule
+        largest = paper.torque_limit / config.choices.action_unit
+        self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
+        self.state: Floats = np.zeros(6)
+        self.period = 0
+        scaled = config.choices.observation == "scaled"
+        self.observation_scale: Floats = np.array(paper.state_max) if scaled else np.ones(6)
+        self.arrays = Task(
+            self.pendulum.coefficients,
+            self.pendulum.lengths,
+            self.rule.limits,
+            (paper.circle_height, paper.circle_radius, paper.circle_speed),
+            (paper.reward_constant, paper.reward_slope),
+            paper.torque_limit,
+            config.choices.action_unit,
+            self.observation_scale,
+            self.rule.control_period,
+            round(length / self.rule.control_period),
+        )
+        self._view: PendulumView | None = None
+
+    @property
+    def time(self) -> float:
+        """s since the trial started."""
+        return self.period * self.rule.control_period
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start a trial at the origin (Sec. IV-B), or at ``options["state"]`` [6]."""
+        super().reset(seed=seed)
+        start = np.zeros(6) if options is None else np.asarray(options.get("state", np.zeros(6)), np.float64)
+        check(start.shape == (6,) and bool(np.isfinite(start).all()), "state", start, "six finite numbers")
+        self.state, self.period = start.copy(), 0
+        if self.render_mode == "human":
+            self.render()
+        return self.observation(), {"outcome": ""}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One control period."""
+        a = np.asarray(action, dtype=np.float64)
+        state, reward, ended = advance(self.arrays, as_state(self.state), (a[0], a[1], a[2]), self.period)
+        self.state, self.period = np.array(state), self.period + 1
+        truncated = ended == TIME_OVER
+        terminated = ended != 0 and not truncated
+        if self.render_mode == "human":
+            self.render()
+        return self.observation(), float(reward), terminated, truncated, {"outcome": ENDS[ended]}
+
+    def observation(self) -> NDArray[np.float32]:
+        """What π sees now, [8]."""
+        out = np.empty(8, np.float32)
+        observe(self.arrays, as_state(self.state), self.period, out)
+        return out
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The picture [H, W, 3] in "rgb_array"; draws the window in "human"."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
+            return None
+        if self._view is None:
+            self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
+        joints = self.pendulum.joints(self.state)[0]
+        self._view.draw(joints, target(self.arrays.circle, self.time), f"t = {self.time:.2f} s")
+        if self.render_mode == "human":
+            self._view.show(1.0 / self.metadata["render_fps"])
+            return None
+        return self._view.image()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._view is not None:
+            self._view.close()
+            self._view = None

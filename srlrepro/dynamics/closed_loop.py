@@ -1,0 +1,233 @@
+"""A system under K(x): closed-loop rollouts, recoveries, and the labels l_n(x) and l(x).
+
+A state is safe (eq. 2) if K steers the system from it back to upright. One compiled kernel serves the
+nominal system (l_n), every real system (l) and the recoveries of the supervisor (eq. 6), so that "safe"
+means the same thing everywhere. The region of attraction has no closed form; its membership is decided
+by simulation, with a finite horizon and a small box around upright that counts as recovered.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from srlrepro.dynamics.lqg import LQG, Gains, lqg_update
+from srlrepro.dynamics.pendulum import (
+    Coefficients,
+    Floats,
+    State,
+    ThreeLinkPendulum,
+    Torque,
+    as_state,
+    as_states,
+    as_torque,
+    jit,
+    rk4_step,
+)
+from srlrepro.settings.choices import Choices
+from srlrepro.settings.config import Config
+from srlrepro.settings.paper import Paper
+
+Labels = NDArray[np.int64]
+Limits = tuple[float, int, float, float, float, float]
+RECOVERED, HIT_GROUND, NOT_RECOVERED = 1, 2, 3
+OUTCOMES = {RECOVERED: "recovered", HIT_GROUND: "hit the ground", NOT_RECOVERED: "not recovered in time"}
+
+
+@dataclass(frozen=True)
+class RecoveryRule:
+    """When a closed-loop rollout ends, and how it is integrated.
+
+    Attributes:
+        control_period: s; ``substeps``: Runge-Kutta steps per control period.
+        horizon: s, time that K has to recover the system.
+        ground_angle: rad, |θ1| at which the first link lies on the ground.
+        recovered_angle, recovered_rate: rad and rad/s, the box |θ_i|, |θ̇_i| that counts as upright.
+        rate_bound: rad/s, |θ̇_i| at which a rollout is given up: the integration is no longer accurate.
+    """
+
+    control_period: float = Choices.control_period
+    substeps: int = Choices.substeps
+    horizon: float = Choices.recovery_horizon
+    ground_angle: float = Paper.theta1_max
+    recovered_angle: float = Choices.recovered_angle
+    recovered_rate: float = Choices.recovered_rate
+    rate_bound: float = Choices.rate_bound
+
+    @property
+    def periods(self) -> int:
+        """Control periods in the horizon."""
+        return round(self.horizon / self.control_period)
+
+    @property
+    def limits(self) -> Limits:
+        """The rule as `recover` takes it."""
+        dt = self.control_period / self.substeps
+        return (
+            dt,
+            self.substeps,
+            self.ground_angle,
+            self.recovered_angle,
+            self.recovered_rate,
+            self.rate_bound,
+        )
+
+
+@jit
+def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Torque) -> tuple[State, int]:
+    """One control period with the torque u (3-tuple) held; returns (state, 0 or the outcome that ends it).
+
+    The returned state is finite: a step beyond the rate bound (or to NaN) is not taken.
+    """
+    dt, substeps, ground, _, _, bound = limits
+    for _ in range(substeps):
+        new = rk4_step(coefficients, state, u, dt)
+        if not (abs(new[3]) <= bound and abs(new[4]) <= bound and abs(new[5]) <= bound):
+            return state, NOT_RECOVERED
+        state = new
+        if abs(state[0]) >= ground:
+            return state, HIT_GROUND
+    return state, 0
+
+
+@jit
+def is_upright(limits: Limits, state: State) -> bool:
+    """Whether the state (6-tuple) lies in the box that counts as recovered."""
+    angle, rate = limits[3], limits[4]
+    near = abs(state[0]) <= angle and abs(state[1]) <= angle and abs(state[2]) <= angle
+    return near and abs(state[3]) <= rate and abs(state[4]) <= rate and abs(state[5]) <= rate
+
+
+@jit
+def recover(
+    coefficients: Coefficients, gains: Gains, limits: Limits, periods: int, x: Floats, path: Floats
+) -> tuple[int, int]:
+    """Run K from x [6]; returns (outcome, control periods until it).
+
+    path [periods + 1, 6] is filled with the states at the control instants, the last state repeated
+    after the outcome; a path with no rows records nothing.
+    """
+    xbar, y, u = x.copy(), x.copy(), np.zeros(3)
+    state, outcome, t = as_state(x), 0, 0
+    record = path.shape[0] > 0
+    if abs(state[0]) >= limits[2]:
+        outcome = HIT_GROUND
+    while True:
+        y[0], y[1], y[2], y[3], y[4], y[5] = state
+        if record:
+            path[t] = y
+        if outcome == 0 and is_upright(limits, state):
+            outcome = RECOVERED
+        if outcome == 0 and t == periods:
+            outcome = NOT_RECOVERED
+        if outcome != 0:
+            break
+        lqg_update(gains, xbar, y, u)
+        state, outcome = hold_torque(coefficients, limits, state, as_torque(u))
+        t += 1
+    if record:
+        path[t + 1 :] = y
+    return outcome, t
+
+
+@jit
+def _recover_batch(
+    coefficients: Coefficients,
+    gains: Gains,
+    limits: Limits,
+    periods: int,
+    x: Floats,
+    paths: Floats,
+    outcomes: Labels,
+    durations: Floats,
+) -> None:
+    for i in range(x.shape[0]):
+        outcomes[i], durations[i] = recover(coefficients, gains, limits, periods, x[i], paths[i])
+
+
+@dataclass(frozen=True, eq=False)
+class Rollouts:
+    """Closed-loop rollouts from B states.
+
+    Attributes:
+        outcomes: [B] one of the keys of `OUTCOMES`.
+        durations: [B] s, time until the outcome.
+        paths: [B, T + 1, 6] rad and rad/s at the control instants; [B, 0, 6] if not asked for.
+    """
+
+    outcomes: Labels
+    durations: Floats
+    paths: Floats
+
+    @property
+    def labels(self) -> Labels:
+        """Safety labels z [B] of eq. (2): 1 recovered, 0 else."""
+        return np.asarray(self.outcomes == RECOVERED, np.int64)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """A system (nominal or real) under the corrective controller K.
+
+    Attributes:
+        system: the pendulum that is controlled.
+        controller: K, always derived from the nominal system.
+        rule: when a rollout ends.
+    """
+
+    system: ThreeLinkPendulum = ThreeLinkPendulum()
+    controller: LQG = LQG()
+    rule: RecoveryRule = RecoveryRule()
+
+    @classmethod
+    def from_config(cls, config: Config, delta: float = 1.0) -> "ClosedLoop":
+        """The system with mismatch Δ under K, with the values of a configuration."""
+        p, c = config.paper, config.choices
+        nominal = ThreeLinkPendulum(1.0, p.link_mass, p.link_length, c.gravity)
+        controller = LQG(
+            nominal=nominal,
+            control_period=c.control_period,
+            angle_weight=c.lqr_angle_weight,
+            rate_weight=c.lqr_rate_weight,
+            torque_weight=c.lqr_torque_weight,
+            torque_noise=c.torque_noise,
+            angle_noise=c.angle_noise,
+            rate_noise=c.rate_noise,
+            torque_limit=p.torque_limit,
+        )
+        rule = RecoveryRule(
+            control_period=c.control_period,
+            substeps=c.substeps,
+            horizon=c.recovery_horizon,
+            ground_angle=p.theta1_max,
+            recovered_angle=c.recovered_angle,
+            recovered_rate=c.recovered_rate,
+            rate_bound=c.rate_bound,
+        )
+        return cls(ThreeLinkPendulum(delta, p.link_mass, p.link_length, c.gravity), controller, rule)
+
+    @cached_property
+    def kernel_arguments(self) -> tuple[Coefficients, Gains, Limits, int]:
+        """(coefficients, gains, limits, periods) as `recover` takes them."""
+        return self.system.coefficients, self.controller.arrays, self.rule.limits, self.rule.periods
+
+    def rollout(self, x: ArrayLike, record: bool = True) -> Rollouts:
+        """Run K from the states x [B, 6]; ``record``: keep the paths.
+
+        Raises:
+            ValueError: x is not [B, 6] or not finite.
+        """
+        states = as_states(x)
+        batch, rows = len(states), (self.rule.periods + 1) if record else 0
+        paths, outcomes = np.empty((batch, rows, 6)), np.empty(batch, np.int64)
+        durations = np.empty(batch)
+        _recover_batch(*self.kernel_arguments, states, paths, outcomes, durations)
+        return Rollouts(outcomes, durations * self.rule.control_period, paths)
+
+    def predict(self, x: ArrayLike) -> Labels:
+        """The labelling function of eq. (2): l_n(x) if the system is nominal, else l(x); [B], 1 = safe.
+
+        As a hypothesis behind the supervisor this is the ideal one of eq. (3).
+        """
+        return self.rollout(x, record=False).labels

@@ -1,0 +1,158 @@
+r"""The corrective controller K(x): a linear-quadratic-Gaussian regulator of the nominal system.
+
+**Problem.** The nominal system linearised at upright and sampled with zero-order hold every
+``control_period`` seconds is
+
+    x_{t+1} = A x_t + B (u_t + w_t),     y_t = x_t + v_t,
+
+with independent white noises w_t ~ N(0, σ_w² I₃) (a disturbance torque, N·m, held over the period) and
+v_t ~ N(0, diag(σ_θ² I₃, σ_θ̇² I₃)) (of the measured angles, rad, and rates, rad/s). The regulator
+minimises E Σ_t x_tᵀ Q x_t + u_tᵀ R u_t. By the separation principle it is u_t = −L x̂_t with
+
+    L = (R + Bᵀ P B)⁻¹ Bᵀ P A,           P = Aᵀ P A + Q − Aᵀ P B L          (control Riccati equation)
+    K_f = S (S + V)⁻¹,                   S = A S Aᵀ + W − A K_f S Aᵀ        (filter Riccati equation)
+
+where W = σ_w² B Bᵀ and S is the covariance of the one-step prediction x̄_t. Every control period:
+
+    x̂_t = x̄_t + K_f (y_t − x̄_t);   u_t = sat(−L x̂_t);   x̄_{t+1} = A x̂_t + B u_t.
+
+The prediction uses the *saturated* torque. When K is activated at the state x, x̄_0 = x: the supervisor
+has just read that state. The covariances only design the filter; rollouts are free of noise, because
+the label l(x) of eq. (2) is a function of x.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+from scipy.signal import cont2discrete
+
+from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, jit
+from srlrepro.settings.choices import Choices
+from srlrepro.settings.fields import check
+from srlrepro.settings.paper import Paper
+
+Gains = tuple[Floats, Floats, Floats, Floats, float]  # A, B, L, K_f, torque limit
+
+
+@jit
+def lqg_update(gains: Gains, xbar: Floats, y: Floats, u: Floats) -> None:
+    """One period of K: reads the measurement y [6], writes u [3], advances the prediction x̄ [6] in place."""
+    a, b, gain, filter_gain, limit = gains
+    xhat = np.empty(6)
+    for i in range(6):
+        s = xbar[i]
+        for j in range(6):
+            s += filter_gain[i, j] * (y[j] - xbar[j])
+        xhat[i] = s
+    for i in range(3):
+        s = 0.0
+        for j in range(6):
+            s -= gain[i, j] * xhat[j]
+        u[i] = min(max(s, -limit), limit)
+    for i in range(6):
+        s = 0.0
+        for j in range(6):
+            s += a[i, j] * xhat[j]
+        for j in range(3):
+            s += b[i, j] * u[j]
+        xbar[i] = s
+
+
+@dataclass(frozen=True)
+class LQG:
+    """K(x) for one nominal system; see the module for the problem that it solves.
+
+    Attributes:
+        nominal: the system that K is derived from (Δ = 1).
+        control_period: sampling period, s.
+        angle_weight, rate_weight: Q = diag(angle_weight I₃, rate_weight I₃), 1/rad² and s²/rad².
+        torque_weight: R = torque_weight I₃, 1/(N·m)².
+        torque_noise, angle_noise, rate_noise: σ_w N·m, σ_θ rad, σ_θ̇ rad/s.
+        torque_limit: saturation of each torque, N·m.
+
+    Raises:
+        ValueError: the "nominal" system has Δ ≠ 1.
+    """
+
+    nominal: ThreeLinkPendulum = ThreeLinkPendulum()
+    control_period: float = Choices.control_period
+    angle_weight: float = Choices.lqr_angle_weight
+    rate_weight: float = Choices.lqr_rate_weight
+    torque_weight: float = Choices.lqr_torque_weight
+    torque_noise: float = Choices.torque_noise
+    angle_noise: float = Choices.angle_noise
+    rate_noise: float = Choices.rate_noise
+    torque_limit: float = Paper.torque_limit
+
+    def __post_init__(self) -> None:
+        check(
+            self.nominal.delta == 1.0,
+            "nominal.delta",
+            self.nominal.delta,
+            "1: K knows the nominal system only",
+        )
+
+    def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
+        """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
+        a, b = system.linearize()
+        a, b, *_ = cont2discrete((a, b, np.eye(6), np.zeros((6, 3))), self.control_period)
+        return a, b
+
+    @cached_property
+    def model(self) -> tuple[Floats, Floats]:
+        """A [6, 6], B [6, 3] of the sampled nominal system."""
+        return self.sampled(self.nominal)
+
+    @cached_property
+    def weights(self) -> tuple[Floats, Floats]:
+        """Q [6, 6] and R [3, 3]."""
+        return np.diag([self.angle_weight] * 3 + [self.rate_weight] * 3), self.torque_weight * np.eye(3)
+
+    @cached_property
+    def noise(self) -> tuple[Floats, Floats]:
+        """W [6, 6] and V [6, 6], the covariances of B w_t and v_t."""
+        _, b = self.model
+        measured = np.diag([self.angle_noise**2] * 3 + [self.rate_noise**2] * 3)
+        return self.torque_noise**2 * b @ b.T, measured
+
+    @cached_property
+    def gain(self) -> Floats:
+        """The feedback gain L [3, 6] in N·m per rad and rad/s."""
+        (a, b), (q, r) = self.model, self.weights
+        p = solve_discrete_are(a, b, q, r)
+        return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a), np.float64)
+
+    @cached_property
+    def filter_gain(self) -> Floats:
+        """The steady-state Kalman gain K_f [6, 6] of the measurement update."""
+        (a, _), (w, v) = self.model, self.noise
+        s = solve_discrete_are(a.T, np.eye(6), w, v)
+        return np.asarray(np.linalg.solve(s + v, s).T, np.float64)
+
+    @property
+    def arrays(self) -> Gains:
+        """(A, B, L, K_f, torque limit) as the compiled kernels take them."""
+        a, b = self.model
+        ordered = [np.ascontiguousarray(m) for m in (a, b, self.gain, self.filter_gain)]
+        return ordered[0], ordered[1], ordered[2], ordered[3], self.torque_limit
+
+    def closed_loop(self, system: ThreeLinkPendulum) -> Floats:
+        """Transition matrix [12, 12] of (x, x̄) near upright, without saturation.
+
+        x_{t+1} = A_Δ x − B_Δ L x̂ and x̄_{t+1} = (A − B L) x̂, where x̂ = (I − K_f) x̄ + K_f x.
+        """
+        (a, b), (a_real, b_real) = self.model, self.sampled(system)
+        from_x, from_xbar = self.filter_gain, np.eye(6) - self.filter_gain
+        regulated = a - b @ self.gain
+        return np.block(
+            [
+                [a_real - b_real @ self.gain @ from_x, -b_real @ self.gain @ from_xbar],
+                [regulated @ from_x, regulated @ from_xbar],
+            ]
+        )
+
+    def spectral_radius(self, system: ThreeLinkPendulum) -> float:
+        """Largest |eigenvalue| of `closed_loop`; below 1, upright is locally asymptotically stable."""
+        return float(np.abs(np.linalg.eigvals(self.closed_loop(system))).max())

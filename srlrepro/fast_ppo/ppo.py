@@ -1,0 +1,184 @@
+"""stable-baselines3's PPO with compiled rollouts and updates: the same algorithm, only faster.
+
+`CompiledPPO` overrides ``collect_rollouts`` and ``train``. It works on the policy's own tensors and on the
+optimiser's own moments, through shared memory, and takes noise and permutations from the generators that
+stock PPO takes them from, in the same order: the same seed gives the run of stock PPO, up to rounding.
+"""
+
+import numpy as np
+import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.distributions import DiagGaussianDistribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.utils import explained_variance
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+from srlrepro.fast_ppo.rollout import Steps, advantages, blank, collect, values
+from srlrepro.fast_ppo.sb3_bridge import Stack
+from srlrepro.fast_ppo.torch_views import Shared, addresses, share
+from srlrepro.fast_ppo.update import STATISTICS, Loss, Optimizer, Samples, update
+from srlrepro.settings.fields import check
+
+
+class CompiledPPO(PPO):
+    """PPO for `ThreeLinkCircleEnv`, bare or under a `Supervisor` with a `CompiledHypothesis`.
+
+    ``save``, ``load``, ``predict``, ``evaluate_policy``, the logger and the callbacks work as with stock PPO.
+    Callbacks see every step, with what stock PPO tells them of it (but for the tensors of π and V), after
+    the rollout is complete: one that changes the policy or the environment in the middle of a rollout acts
+    from the next one on. Where one stops the training, the task stands where it stood at that step, but the
+    noise of the rollout is spent.
+
+    Raises:
+        ParameterError: a setting of stock PPO that the compiled code does not cover.
+    """
+
+    _shared: Shared | None = None
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self._refuse_what_is_not_covered()
+
+    def _refuse_what_is_not_covered(self) -> None:
+        policy, optimizer = self.policy, self.policy.optimizer
+        other_adam = ("weight_decay", "amsgrad", "maximize", "differentiable", "capturable")
+        covered = {
+            "policy": type(policy) is ActorCriticPolicy,
+            "activation_fn": policy.activation_fn is nn.Tanh,
+            "features_extractor_class": type(policy.features_extractor) is FlattenExtractor,
+            "action_space": type(policy.action_dist) is DiagGaussianDistribution,
+            "optimizer_class": type(optimizer) is torch.optim.Adam,
+            "optimizer_kwargs": not any(optimizer.defaults.get(name) for name in other_adam),
+            "rollout_buffer_class": self.rollout_buffer_class is RolloutBuffer,
+            "device": self.device.type == "cpu",
+            "n_envs": self.n_envs == 1,
+            "use_sde": not self.use_sde,
+            "batch_size": self.batch_size > 1 and self.n_steps % self.batch_size == 0,
+            "clip_range_vf": self.clip_range_vf is None,
+            "target_kl": self.target_kl is None,
+        }
+        for name, ok in covered.items():
+            value = getattr(self, name, "of this kind")
+            check(ok, name, value, "one that CompiledPPO covers; stable-baselines3's PPO has them all")
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_shared"]
+
+    def arrays(self) -> Shared:
+        """The policy's numbers; shared anew if something has moved them, as `load` does."""
+        now = addresses(self.policy, self.batch_size)
+        if self._shared is None or self._shared.addresses != now:
+            self._shared = share(self.policy, self.batch_size)
+        return self._shared
+
+    def collect_rollouts(
+        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+    ) -> bool:
+        """Fill the buffer with the current policy's steps; False if a callback has stopped the training."""
+        assert self._last_obs is not None and self._last_episode_starts is not None
+        self._refuse_what_is_not_covered()  # settings may have been changed since
+        stack = Stack.of(env)
+        self.policy.set_training_mode(False)
+        rollout_buffer.reset()
+        callback.on_rollout_start()
+        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.arrays()
+        # with a stride, torch draws one number after the other, as it does for one action at a time
+        noise = torch.empty(2 * steps.actions.size)[::2].normal_().numpy().reshape(steps.actions.shape)
+        start, x = float(self._last_episode_starts[0]), task.state.copy()
+        period = collect(
+            task.arrays, stack.guard, policy, np.ascontiguousarray(noise), x, task.period, start, steps
+        )
+        stack.place(x, period)
+        expected = np.empty(n_rollout_steps + 1, np.float32)
+        values(learner.critic, learner.critic_passes, steps.observations, expected)
+        dones = (steps.ended != 0) | (steps.recoveries != 0)
+        if not self._replay(stack, steps, dones, callback):
+            return False
+        rewards = steps.rewards.astype(np.float32)
+        cut_off = np.flatnonzero(steps.cut_off)
+        left = np.empty(cut_off.size, np.float32)
+        values(learner.critic, learner.critic_passes, steps.reached[cut_off], left)
+        rewards[cut_off] += np.float32(self.gamma) * left
+        for name in ("actions", "episode_starts", "log_probs"):
+            getattr(rollout_buffer, name)[:, 0] = getattr(steps, name)
+        rollout_buffer.observations[:, 0], rollout_buffer.rewards[:, 0] = steps.observations[:-1], rewards
+        rollout_buffer.values[:, 0] = expected[:-1]
+        rollout_buffer.pos, rollout_buffer.full = n_rollout_steps, True
+        gae, returns = rollout_buffer.advantages[:, 0], rollout_buffer.returns[:, 0]
+        advantages(rewards, expected, dones, (self.gamma, self.gae_lambda), gae, returns)
+        callback.update_locals(locals())
+        callback.on_rollout_end()
+        return True
+
+    def _replay(self, stack: Stack, steps: Steps, dones: NDArray[np.bool_], callback: BaseCallback) -> bool:
+        """Show every step to the callbacks; if one says stop, all stands where it stood after that step."""
+        assert isinstance(self.action_space, Box)
+        clipped = np.clip(steps.actions, self.action_space.low, self.action_space.high)
+        columns = (steps.actions, clipped, steps.observations[1:], steps.rewards.astype(np.float32), dones)
+        rows = zip(*(list(column[:, None]) for column in columns), stack.infos(steps), strict=True)
+        n_rollout_steps = len(dones)
+        callback.update_locals(locals())
+        for n, (action, limited, reached, reward, done, info) in enumerate(rows):
+            self.num_timesteps += 1
+            callback.update_locals(
+                {
+                    "n_steps": n,
+                    "actions": action,
+                    "clipped_actions": limited,
+                    "new_obs": reached,
+                    "rewards": reward,
+                    "dones": done,
+                    "infos": [info],
+                }
+            )
+            if not callback.on_step():
+                stack.rewind(steps, n)
+                return False
+            if done[0]:
+                self._update_info_buffer([info], done)
+        self._last_obs, self._last_episode_starts = steps.observations[-1:].copy(), dones[-1:].copy()
+        return True
+
+    def train(self) -> None:
+        """Update policy and value function from the rollout buffer, as stock PPO does."""
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        clip_range = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
+        learner, buffer, optimizer = self.arrays().learner, self.rollout_buffer, self.policy.optimizer
+        group, states = optimizer.param_groups[0], list(optimizer.state.values())
+        # the generator and the order of calls are those of the buffer's own sampling
+        orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002
+        names = ("observations", "actions", "log_probs", "advantages", "returns")
+        flat = {name: getattr(buffer, name).reshape(self.n_steps, -1) for name in names}
+        samples = Samples(*(v if n in names[:2] else v[:, 0].copy() for n, v in flat.items()))
+        statistics = np.empty((orders.size // self.batch_size, len(STATISTICS)))
+        done = int(states[0]["step"])
+        update(
+            learner,
+            samples,
+            orders,
+            self.batch_size,
+            Loss(clip_range, self.vf_coef, self.ent_coef, self.max_grad_norm, self.normalize_advantage),
+            Optimizer(group["lr"], tuple(group["betas"]), group["eps"], done),
+            statistics,
+        )
+        for state in states:
+            state["step"].fill_(done + len(statistics))
+        self._n_updates += self.n_epochs
+        means = dict(zip(STATISTICS, statistics.mean(axis=0), strict=True))
+        last_epoch = statistics[-(len(statistics) // self.n_epochs) :]
+        means["approx_kl"] = last_epoch[:, STATISTICS.index("approx_kl")].mean()  # as stock PPO has it
+        means["loss"] = statistics[-1, STATISTICS.index("loss")]
+        for name, value in means.items():
+            self.logger.record(f"train/{name}", value)
+        explained = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
+        self.logger.record("train/explained_variance", explained)
+        self.logger.record("train/std", torch.exp(self.policy.log_std).mean().item())
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/clip_range", clip_range)

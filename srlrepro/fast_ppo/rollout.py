@@ -1,0 +1,154 @@
+"""The steps of a rollout, compiled: π acts, the pendulum moves, the supervisor watches (eq. 6).
+
+The kernels called here are those of the environment, the region and the controller; this loop takes the
+place of the Python that calls them one period at a time.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
+from srlrepro.dynamics.pendulum import Floats, as_state, jit
+from srlrepro.fast_ppo.network import Network, Passes, Reals, forward, forward_one
+from srlrepro.fast_ppo.update import HALF_LOG_2PI
+from srlrepro.supervisor import Guard, watch
+
+Singles = NDArray[np.float32]
+Codes = NDArray[np.int64]
+
+
+class Policy(NamedTuple):
+    """μ with the memory for one observation, and log σ."""
+
+    actor: Network
+    log_std: Reals
+    passes: Passes
+
+
+class Steps(NamedTuple):
+    """The record of N steps, written by `collect`.
+
+    Attributes:
+        observations: [N + 1, 8] before the step, and after the last one (or at the start of a new trial).
+        actions: [N, 3], not limited; log_probs: [N].
+        episode_starts: [N] 1 where a trial begins.
+        rewards: [N] R of the step.
+        reached, states: [N, 8] and [N, 6], observation and state after the step, before a new trial.
+        ended: [N] 0, or what ended the trial if K did not (`ENDS`).
+        cut_off: [N] 1 where the trial ended without being over for π, who is to expect V of what was reached.
+        recoveries, recovery_periods: [N] outcome and duration of K; 0 where it was not needed.
+    """
+
+    observations: Singles
+    actions: Singles
+    log_probs: Singles
+    rewards: Floats
+    episode_starts: Singles
+    reached: Singles
+    states: Floats
+    ended: Codes
+    cut_off: Codes
+    recoveries: Codes
+    recovery_periods: Codes
+
+
+@jit
+def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
+    """Write a = μ(o) + σ ε; returns log π(a|o)."""
+    policy.passes.inputs[0][:, 0] = observation
+    forward_one(policy.actor, policy.passes)
+    log_prob = 0.0
+    for j in range(action.size):
+        std = np.exp(policy.log_std[j])
+        mean = policy.passes.output[j, 0]
+        action[j] = mean + std * noise[j]
+        z = (np.float64(action[j]) - mean) / std
+        log_prob -= 0.5 * z * z + policy.log_std[j] + HALF_LOG_2PI
+    return np.float32(log_prob)
+
+
+@jit
+def collect(
+    task: Task,
+    guard: Guard,
+    policy: Policy,
+    noise: Singles,
+    x: Floats,
+    period: int,
+    start: float,
+    steps: Steps,
+) -> int:
+    """Take N steps from the state x [6] (updated) in so many periods of a trial; returns the new period.
+
+    noise: [N, 3] standard normal; start: 1.0 if a trial begins at x.
+    """
+    observation = np.empty(8, np.float32)
+    observe(task, as_state(x), period, observation)
+    for n in range(noise.shape[0]):
+        steps.observations[n] = observation
+        steps.episode_starts[n] = start
+        action = steps.actions[n]
+        steps.log_probs[n] = _act(policy, observation, noise[n], action)
+        torque = (np.float64(action[0]), np.float64(action[1]), np.float64(action[2]))
+        state, reward, ended = advance(task, as_state(x), torque, period)
+        x[0], x[1], x[2], x[3], x[4], x[5] = state
+        period += 1
+        recovery, duration = watch(guard, task, x, ended)
+        steps.recoveries[n], steps.recovery_periods[n] = recovery, duration
+        steps.cut_off[n] = ended == TIME_OVER if recovery == 0 else not guard.terminates
+        observe(task, state, period, observation)
+        steps.reached[n], steps.states[n], steps.ended[n] = observation, x, ended
+        steps.rewards[n] = reward
+        start = 0.0
+        if ended != 0 or recovery != 0:
+            x[:], period, start = 0.0, 0, 1.0
+            observe(task, as_state(x), period, observation)
+    steps.observations[noise.shape[0]] = observation
+    return period
+
+
+def blank(count: int) -> Steps:
+    """A record of so many steps, to be written."""
+    observations, reached = (np.empty((rows, 8), np.float32) for rows in (count + 1, count))
+    actions, states = np.empty((count, 3), np.float32), np.empty((count, 6))
+    log_probs, starts = (np.empty(count, np.float32) for _ in range(2))
+    codes = [np.empty(count, np.int64) for _ in range(4)]
+    return Steps(observations, actions, log_probs, np.empty(count), starts, reached, states, *codes)
+
+
+@jit
+def values(critic: Network, memory: Passes, observations: Singles, out: Singles) -> None:
+    """V [N] of observations [N, 8], as many at a time as the memory holds."""
+    batch = memory.output.shape[1]
+    for start in range(0, out.size, batch):
+        count = min(batch, out.size - start)
+        for b in range(count):
+            for j in range(observations.shape[1]):
+                memory.inputs[0][j, b] = observations[start + b, j]
+        forward(critic, memory)
+        out[start : start + count] = memory.output[0, :count]
+
+
+@jit
+def advantages(
+    rewards: Singles,
+    values: Singles,
+    dones: NDArray[np.bool_],
+    discounts: tuple[float, float],
+    gae: Singles,
+    returns: Singles,
+) -> None:
+    """Generalised advantage estimates [N] and returns [N], as stable-baselines3's buffer computes them.
+
+    values: [N + 1]; dones: [N]; discounts: (γ, λ).
+    """
+    gamma, decay = np.float32(discounts[0]), np.float32(discounts[0] * discounts[1])
+    running = np.float32(0)
+    for n in range(rewards.size - 1, -1, -1):
+        goes_on = np.float32(not dones[n])
+        delta = rewards[n] + gamma * values[n + 1] * goes_on - values[n]
+        running = delta + decay * goes_on * running
+        gae[n] = running
+        returns[n] = running + values[n]

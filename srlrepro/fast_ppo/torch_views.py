@@ -1,0 +1,88 @@
+"""A policy of stable-baselines3 and the state of its optimiser as arrays that compiled code changes."""
+
+from typing import NamedTuple
+
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+
+from srlrepro.fast_ppo.network import Network, passes
+from srlrepro.fast_ppo.rollout import Policy
+from srlrepro.fast_ppo.update import Learner
+
+MOMENTS = ("exp_avg", "exp_avg_sq")
+ALIGNMENT = 16  # numbers: every tensor starts at a cache line
+
+
+class Shared(NamedTuple):
+    """The arrays, for minibatches of one size, and where the tensors lay when they were made."""
+
+    learner: Learner
+    policy: Policy
+    addresses: tuple[int, ...]
+
+
+def addresses(policy: ActorCriticPolicy, batch: int) -> tuple[int, ...]:
+    """The batch, and where the parameters and their moments lie; 0 for a moment that is not there yet."""
+    found = [batch]
+    for parameter in policy.parameters():
+        state = policy.optimizer.state[parameter]
+        found += [parameter.data_ptr(), *(state[m].data_ptr() if m in state else 0 for m in MOMENTS)]
+    return tuple(found)
+
+
+def _linear(*modules: nn.Module) -> list[nn.Linear]:
+    """The layers of one of the policy's two networks, first to last."""
+    return [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
+
+
+def _network(layers: list[nn.Linear], views: dict[torch.Tensor, torch.Tensor]) -> Network:
+    weights = tuple(views[layer.weight].numpy() for layer in layers)
+    return Network(weights, tuple(views[layer.bias].numpy() for layer in layers))
+
+
+def share(policy: ActorCriticPolicy, batch: int) -> Shared:
+    """Move the parameters and moments into flat memory that torch and numpy both see; values are kept.
+
+    batch: samples of a minibatch.
+    """
+    parameters: list[torch.Tensor] = list(policy.parameters())
+    sizes = [-(-p.numel() // ALIGNMENT) * ALIGNMENT for p in parameters]
+    flats = [torch.zeros(sum(sizes), dtype=parameters[0].dtype) for _ in range(4)]
+    values, gradients, *moments = (
+        {
+            p: part[: p.numel()].view(p.shape)
+            for p, part in zip(parameters, torch.split(flat, sizes), strict=True)
+        }
+        for flat in flats
+    )
+    for p in parameters:
+        state = policy.optimizer.state[p]
+        state.setdefault("step", torch.tensor(0.0))
+        for name, views in zip(MOMENTS, moments, strict=True):
+            if name in state:
+                views[p].copy_(state[name])
+            state[name] = views[p]
+        values[p].copy_(p.data)
+        p.data = values[p]
+    actor = _linear(policy.mlp_extractor.policy_net, policy.action_net)
+    critic = _linear(policy.mlp_extractor.value_net, policy.value_net)
+    networks = _network(actor, values), _network(critic, values)
+    actor_passes, critic_passes = (passes(network, batch) for network in networks)
+    critic_passes = critic_passes._replace(inputs=(actor_passes.inputs[0], *critic_passes.inputs[1:]))
+    log_std, by_log_std = values[policy.log_std].numpy(), gradients[policy.log_std].numpy()
+    by_parameters = _network(actor, gradients), _network(critic, gradients)
+    arrays = [flat.numpy() for flat in flats]
+    learner = Learner(
+        *networks,
+        log_std,
+        *by_parameters,
+        by_log_std,
+        arrays[0],
+        arrays[1],
+        arrays[2],
+        arrays[3],
+        actor_passes,
+        critic_passes,
+    )
+    return Shared(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy, batch))

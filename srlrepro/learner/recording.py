@@ -1,0 +1,133 @@
+"""What a training records: trials, visited states, the learning curve and the counts of Fig. 3."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.learner.checkpoint import Progress, save
+
+TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
+SHORTEST = 256  # steps that a row of the learning curve averages over, at least
+
+
+class Recorder(BaseCallback):
+    """Collects the trials and visited states of a training, shows progress and writes checkpoints.
+
+    Args:
+        progress: what has been collected so far; grows in place.
+        steps: total training steps.
+        stride: every how many steps a state is kept.
+        scale: [6] units of the observed state.
+        checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
+        report: receives sparse lines when no terminal shows the bar.
+    """
+
+    def __init__(
+        self,
+        progress: Progress,
+        steps: int,
+        stride: int,
+        scale: Floats,
+        checkpoint: tuple[Path, int, dict[str, Any]] | None,
+        report: Callable[[str], None],
+    ) -> None:
+        super().__init__()
+        self.progress, self.steps, self.stride = progress, steps, stride
+        self.scale = scale.astype(np.float32)
+        self.checkpoint, self.report = checkpoint, report
+        self.started = time.perf_counter() - progress.seconds
+        self.updates = 0
+
+    def _on_training_start(self) -> None:
+        self.reached = self.num_timesteps
+        self.bar = tqdm(total=self.steps, initial=self.reached, unit="step", disable=None, desc="training")
+
+    def _on_rollout_start(self) -> None:
+        self.progress.seconds = time.perf_counter() - self.started
+        if self.checkpoint is not None and self.updates and self.updates % self.checkpoint[1] == 0:
+            save(self.checkpoint[0], self.model, self.progress, self.checkpoint[2])
+        self.updates += 1
+
+    def _on_step(self) -> bool:
+        for info, observation in zip(self.locals["infos"], self.locals["new_obs"], strict=True):
+            if self.num_timesteps % self.stride == 0:
+                reached = info.get("terminal_observation", observation)
+                self.progress.visited.append(reached[:6] * self.scale)
+            if "episode" in info:
+                self.progress.trials.append(
+                    {
+                        "step": self.num_timesteps,
+                        "length": info["episode"]["l"],
+                        "return": info["episode"]["r"],
+                        "outcome": info["outcome"],
+                        "activated": info.get("activated", False),
+                        "recovery": info.get("recovery", ""),
+                        "recovery_time": info.get("recovery_time", 0.0),
+                    }
+                )
+        return True
+
+    def _on_rollout_end(self) -> None:
+        first, tenth = self.reached, max(1, self.steps // 10)
+        self.reached = self.num_timesteps
+        self.bar.update(self.reached - first)
+        if self.bar.disable and self.reached // tenth > first // tenth:
+            elapsed = time.perf_counter() - self.started
+            left = elapsed * (self.steps - self.num_timesteps) / self.num_timesteps
+            self.report(f"step {self.num_timesteps} of {self.steps}, about {max(left, 0) / 60:.1f} min left")
+
+    def _on_training_end(self) -> None:
+        self.bar.close()
+        self.progress.seconds = time.perf_counter() - self.started
+
+
+def curve_window(steps: int, n_steps: int) -> int:
+    """Steps that a row of the learning curve averages over: an update of n_steps, or less in a short run.
+
+    A hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
+    """
+    return min(n_steps, max(SHORTEST, steps // 100))
+
+
+def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame:
+    """One row per window of so many steps, over the trials that ended in it.
+
+    Columns: ``step`` (at its end), ``trials``, ``mean_return`` (empty if no trial ended), ``mean_length``
+    (control periods), ``reward_per_step``, ``activations``, ``failures`` (of K), ``falls`` (of π).
+    """
+    within = (trials["step"] - 1) // window
+    grouped = trials.assign(
+        failure=trials["recovery"].isin([OUTCOMES[HIT_GROUND], OUTCOMES[NOT_RECOVERED]]),
+        fall=trials["outcome"] == OUTCOMES[HIT_GROUND],
+    ).groupby(within)
+    every = pd.RangeIndex(rows)
+    curve = pd.DataFrame({"step": (every + 1) * window}, index=every)
+    curve["trials"] = grouped.size().reindex(every, fill_value=0)
+    curve["mean_return"] = grouped["return"].mean()
+    curve["mean_length"] = grouped["length"].mean()
+    curve["reward_per_step"] = grouped["return"].sum() / grouped["length"].sum()
+    for name, column in (("activations", "activated"), ("failures", "failure"), ("falls", "fall")):
+        curve[name] = grouped[column].sum().reindex(every, fill_value=0).astype(int)
+    return curve
+
+
+def count(trials: pd.DataFrame) -> dict[str, int]:
+    """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
+    did not prevent: falls of π, and trials given up by the rate bound. Where K was not tried, the activation
+    counts as neither a recovery nor a failure."""
+    active = trials[trials["activated"].astype(bool)]
+    counts = {"trials": len(trials), "activations": len(active)}
+    counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
+    outcomes = trials["outcome"]
+    return counts | {
+        "falls": int((outcomes == "hit the ground").sum()),
+        "diverged": int((outcomes == "diverged").sum()),
+    }

@@ -1,0 +1,179 @@
+"""One training run: PPO (stable-baselines3, App. C) with or without a supervisor, resumable.
+
+The products of a run, in one folder:
+
+- ``trials.csv``: one row per trial (`TRIAL_COLUMNS`);
+- ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
+- ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
+  the distribution 𝒟 of Sec. III;
+- ``policy.zip``: the final policy, an archive of stable-baselines3 (the one kind of file with pickles);
+- ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.monitor import Monitor
+
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.fast_ppo.ppo import CompiledPPO
+from srlrepro.learner.checkpoint import Progress, restore
+from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
+from srlrepro.learner.trials import evaluate
+from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
+from srlrepro.settings.config import Config, condition
+from srlrepro.settings.fields import check
+from srlrepro.storage.files import beside, require_writable, write_arrays, write_json, write_table
+from srlrepro.storage.provenance import provenance
+from srlrepro.supervisor import Supervisor
+
+VISITED_FORMAT = "srlrepro-visited-1"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is trained.
+
+    Attributes:
+        alpha: share of UD in the training data of the region; None: no supervisor ("none").
+        delta: mass mismatch Δ of the real system.
+        seed: of the learner.
+        steps: training steps; PPO rounds them up to whole updates.
+    """
+
+    alpha: float | None
+    delta: float
+    seed: int
+    steps: int
+
+    def __post_init__(self) -> None:
+        check(self.alpha is None or 0 <= self.alpha <= 1, "alpha", self.alpha, "a number in [0, 1], or none")
+        check(0 < self.delta < math.inf, "delta", self.delta, "a finite number > 0")
+        for name, least in (("seed", 0), ("steps", 1)):
+            value = getattr(self, name)
+            check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
+
+    @property
+    def name(self) -> str:
+        """Names the run's folder and files."""
+        return f"alpha_{condition(self.alpha)}__delta_{self.delta:g}__seed_{self.seed}"
+
+
+def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any, Any]:
+    """The environment of a run: the task, under a supervisor if there is a region.
+
+    Raises:
+        ValueError: α without a region, or a region without α.
+    """
+    check((run.alpha is None) == (region is None), "region", region, "given exactly if alpha is not none")
+    env = ThreeLinkCircleEnv(run.delta, config=config)
+    if region is None:
+        return env
+    return Supervisor(env, region, ClosedLoop.from_config(config).controller)
+
+
+def make_learner(env: gym.Env[Any, Any], config: Config, seed: int) -> PPO:
+    """PPO with the parameters of App. C; everything else is stable-baselines3's default, or a `Choices`."""
+    p, c = config.paper, config.choices
+    learner = CompiledPPO if c.learner == "compiled" else PPO
+    return learner(
+        "MlpPolicy",
+        Monitor(env),
+        learning_rate=p.learning_rate,
+        n_steps=p.n_steps,
+        batch_size=p.n_steps // p.n_minibatches,
+        n_epochs=p.n_epochs,
+        gamma=p.discount,
+        gae_lambda=p.gae_lambda,
+        clip_range=c.clip_range,
+        ent_coef=p.ent_coef,
+        vf_coef=p.vf_coef,
+        max_grad_norm=p.max_grad_norm,
+        policy_kwargs={"net_arch": [p.hidden_width] * p.hidden_layers, "log_std_init": c.log_std_init},
+        seed=seed,
+        device="cpu",
+    )
+
+
+def identify(run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any]:
+    """What tells a run from others: what is trained, every value, and the region."""
+    learned = region.digest() if isinstance(region, CompiledHypothesis) else type(region).__name__
+    return {"run": asdict(run), "config": config.as_dict(), "region": learned}
+
+
+def train(
+    run: Run,
+    config: Config,
+    region: Hypothesis | None,
+    folder: Path,
+    checkpoint: Path | None = None,
+    report: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """Train one run and write its products (see the module) to ``folder``; returns what run.json holds.
+
+    Args:
+        checkpoint: file to go on from if it exists and to write every ``checkpoint_updates`` updates; it is
+            removed at the end. The result is the same as without an interruption.
+        report: receives sparse progress lines when there is no terminal.
+
+    Raises:
+        ValueError: a parameter is not allowed, or the region predicts the origin as unsafe.
+        ResultError: the folder cannot be written, or the checkpoint is truncated or of another run.
+    """
+    torch.set_num_threads(1)
+    folder, choices = Path(folder), config.choices
+    env = make_env(run, config, region)
+    task = env.unwrapped
+    assert isinstance(task, ThreeLinkCircleEnv)
+    env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
+    for place in (folder, folder if checkpoint is None else checkpoint.parent):
+        require_writable(place)
+    model, progress = make_learner(env, config, run.seed), Progress()
+    identity = identify(run, config, region)
+    if checkpoint is not None and checkpoint.exists():
+        model, progress = restore(checkpoint, model, identity)
+        report(f"going on from step {model.num_timesteps}")
+    updates = -(-run.steps // config.paper.n_steps)
+    steps = updates * config.paper.n_steps
+    recorder = Recorder(
+        progress,
+        steps,
+        stride=max(1, steps // choices.visited_states),
+        scale=task.observation_scale,
+        checkpoint=None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity),
+        report=report,
+    )
+    if model.num_timesteps < steps:
+        model.learn(
+            steps - model.num_timesteps, callback=recorder, reset_num_timesteps=model.num_timesteps == 0
+        )
+    trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
+    result = {
+        **identity,
+        "steps_done": model.num_timesteps,
+        "counts": count(trials),
+        "final_policy": {
+            "own condition": evaluate(model, make_env(run, config, region)),
+            "no supervisor": evaluate(model, ThreeLinkCircleEnv(run.delta, config=config)),
+        },
+        "provenance": provenance(progress.seconds),
+    }
+    write_table(folder / "trials.csv", trials)
+    window = curve_window(steps, config.paper.n_steps)
+    write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
+    write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
+    with beside(folder / "policy.zip") as temporary:
+        model.save(temporary)
+    write_json(folder / "run.json", result)
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
+    return result

@@ -1,0 +1,98 @@
+"""Trials to look at: what π does, where the supervisor steps in, and how K fares."""
+
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, target
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.storage.files import (
+    ResultError,
+    bounded_archive,
+    check_unpacked,
+)
+from srlrepro.supervisor import Supervisor
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial, with the recovery by K if there was one.
+
+    Attributes:
+        joints: [T + 1, 4, 2] m, at the control instants.
+        targets: [T + 1, 2] m, p_d at the same instants.
+        supervised: [T + 1] whether K acts from the instant on.
+        total: return of π; steps: its control periods.
+        outcome: of the trial, and of K if it was activated.
+    """
+
+    joints: Floats
+    targets: Floats
+    supervised: NDArray[np.bool_]
+    total: float
+    steps: int
+    outcome: str
+
+
+def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
+    """The learner, with the parameters of the policy that the archive of a run holds.
+
+    stable-baselines3's own ``load`` unpickles, and a pickle can run any code. Only the tensors are read
+    here, by torch's reader of plain weights.
+
+    Raises:
+        ResultError: the archive is missing, too large, damaged, or of another kind of policy.
+    """
+    bounded_archive(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for part in (name for name in archive.namelist() if name.endswith(".pth")):
+                with zipfile.ZipFile(io.BytesIO(archive.read(part))) as tensors:
+                    check_unpacked(tensors, path)
+        learner.set_parameters(str(path), device="cpu")
+    except ResultError:
+        raise
+    except Exception as error:  # torch raises a dozen kinds
+        raise ResultError(f"{path} is truncated or holds no such policy") from error
+    return learner
+
+
+def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool) -> Trial:
+    """One trial of a policy from the origin; with its mean actions if ``deterministic``."""
+    task = env.unwrapped
+    assert isinstance(task, ThreeLinkCircleEnv)
+    observation, info = env.reset()
+    states, total, ended = [task.state.copy()], 0.0, False
+    while not ended:
+        action, _ = model.predict(observation, deterministic=deterministic)
+        observation, reward, terminated, truncated, info = env.step(action)
+        states.append(task.state.copy())
+        total, ended = total + float(reward), terminated or truncated
+    steps, outcome = len(states) - 1, info["outcome"]
+    recovery = env.recovery if isinstance(env, Supervisor) else None
+    if recovery is not None:
+        periods = round(float(recovery.durations[0]) / task.rule.control_period)
+        states += list(recovery.paths[0, 1 : periods + 1])
+        outcome = f"K: {info['recovery']}"
+    times = task.rule.control_period * np.arange(len(states))
+    circle = np.array([target(task.arrays.circle, float(t)) for t in times])
+    supervised = np.arange(len(states)) >= (steps if recovery is not None else len(states))
+    return Trial(task.pendulum.joints(np.array(states)), circle, supervised, total, steps, outcome)
+
+
+def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
+    """One trial with the policy's mean action; task and policy are deterministic, so one says it all."""
+    observation, info = env.reset()
+    total, length, ended = 0.0, 0, False
+    while not ended:
+        action, _ = model.predict(observation, deterministic=True)
+        observation, reward, terminated, truncated, info = env.step(action)
+        total, length, ended = total + float(reward), length + 1, terminated or truncated
+    return {"return": total, "length": length, "outcome": info["outcome"]}

@@ -1,0 +1,118 @@
+r"""P(l(x) = 1) of one state, by any hypothesis, compiled once for all of them.
+
+With s = x in half ranges of App. C, a judge of one of these kinds says
+
+- `MAP`: Γ(Ψ(x)), the safe region of eq. (4);
+- `LINEAR`: Γ(A s + b), where the state mapping is linear;
+- `VOTE`: the mean label of the nearest training states, weighted by inverse distance;
+- `NETWORK`: σ(w·tanh(W s + b) + c), a perceptron, where σ is the logistic function;
+- `KERNEL`: σ(Σ_i w_i exp(−γ‖s − s_i‖²) + c), a support vector machine;
+- `LOOP`: 1 if K recovers a system from x, else 0: l_n(x) or l(x) itself (eqs. 2, 3).
+"""
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from srlrepro.dynamics.closed_loop import (
+    RECOVERED,
+    Labels,
+    Limits,
+    recover,
+)
+from srlrepro.dynamics.lqg import Gains
+from srlrepro.dynamics.pendulum import Coefficients, Floats, jit
+from srlrepro.region.mapping import map_state
+from srlrepro.region.safety_map import RegionArrays, look_up, query
+
+MAP, LINEAR, VOTE, NETWORK, KERNEL, LOOP = range(6)
+Loop = tuple[Coefficients, Gains, Limits, int]
+NONE, TABLE = np.zeros(0), np.zeros((0, 0))
+NO_GAINS: Gains = (TABLE, TABLE, TABLE, TABLE, 0.0)
+NO_LOOP: Loop = ((0.0,) * 9, NO_GAINS, (0.0, 1, 0.0, 0.0, 0.0, 0.0), 0)
+
+
+class Judge(NamedTuple):
+    """A hypothesis as compiled code takes it; what its kind does not need is empty.
+
+    Attributes:
+        kind: of the module's list.
+        region: of `MAP`; Γ's grid of `LINEAR`; the training states of `VOTE`, with y_train = (z, 0); the
+            scale [6] of all but `LOOP`.
+        rows: [H, 6] A, W, or the support vectors s_i; offsets: [H] b.
+        weights: [H] w; bias: c; width: γ.
+        loop: `ClosedLoop.kernel_arguments` of the system that `LOOP` simulates.
+    """
+
+    kind: int = MAP
+    region: RegionArrays = RegionArrays(NONE, TABLE, TABLE, 0, TABLE, NONE, 0.0)
+    rows: Floats = TABLE
+    offsets: Floats = NONE
+    weights: Floats = NONE
+    bias: float = 0.0
+    width: float = 0.0
+    loop: Loop = NO_LOOP
+
+
+@jit
+def safe_probability(judge: Judge, x: Floats) -> float:
+    """P(l(x) = 1) of one state x [6]."""
+    kind, region = judge.kind, judge.region
+    if kind == MAP:
+        return query(region, x)[2]  # eq. (4)
+    if kind == VOTE:
+        return map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)[0]
+    if kind == LOOP:
+        coefficients, gains, limits, periods = judge.loop
+        outcome, _ = recover(coefficients, gains, limits, periods, x, np.empty((0, 6)))
+        return 1.0 if outcome == RECOVERED else 0.0  # eq. (2)
+    s = x / region.scale
+    if kind == LINEAR:
+        y = np.dot(judge.rows, s) + judge.offsets
+        return look_up(region, y[0], y[1])
+    if kind == NETWORK:
+        features = np.tanh(np.dot(judge.rows, s) + judge.offsets)
+    else:
+        features = np.exp(-judge.width * ((judge.rows - s) ** 2).sum(axis=1))
+    return float(1.0 / (1.0 + np.exp(-np.dot(judge.weights, features) - judge.bias)))
+
+
+@jit
+def safe_probabilities(judge: Judge, x: Floats) -> Floats:
+    """P(l(x) = 1) [B] of the states x [B, 6]."""
+    out = np.empty(x.shape[0])
+    for i in range(x.shape[0]):
+        out[i] = safe_probability(judge, x[i])
+    return out
+
+
+class Hypothesis(Protocol):
+    """Anything that predicts safety: h(x) (a SafeRegion), or l(x) itself (a ClosedLoop, eq. 3)."""
+
+    def predict(self, x: ArrayLike) -> Labels:
+        """Labels [B] of the states x [B, 6]: 1 = safe."""
+        ...
+
+
+@runtime_checkable
+class CompiledHypothesis(Hypothesis, Protocol):
+    """A hypothesis that compiled code knows: h(x) = 1 if P(l(x) = 1) > p_t (`hypotheses`)."""
+
+    @property
+    def p_t(self) -> float:
+        """Threshold of eq. (5)."""
+        ...
+
+    @property
+    def judge(self) -> Judge:
+        """This hypothesis for `safe_probability`."""
+        ...
+
+    def safety(self, x: ArrayLike) -> Floats:
+        """P(l(x) = 1) [B] of the states x [B, 6]."""
+        ...
+
+    def digest(self) -> str:
+        """SHA-256 of what h depends on, to tell hypotheses apart."""
+        ...

@@ -1,0 +1,174 @@
+"""Training data (Sec. III): UD, the random policy and its states 𝕏, the MND fit, and their combination.
+
+D_tr = D_ud + D_mnd with |D_ud| = αk and |D_mnd| = (1 − α)k (Sec. III-C): D_ud is uniform over the state
+space of App. C, D_mnd is drawn from a normal distribution fitted to the states 𝕏 that a random policy
+visits on the nominal system from the origin. Labels and trajectories are those of the nominal system.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike
+
+from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torque
+from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, as_torque, jit
+from srlrepro.settings.config import Config
+from srlrepro.settings.fields import check
+from srlrepro.storage.files import read_arrays, write_arrays
+
+FORMAT = "srlrepro-training-data-1"
+
+
+@dataclass(frozen=True, eq=False)
+class MultivariateNormal:
+    """The MND(μ, Σ): mean [6] and covariance [6, 6] in rad and rad/s."""
+
+    mean: Floats
+    covariance: Floats
+
+    @classmethod
+    def fit(cls, states: ArrayLike) -> "MultivariateNormal":
+        """Maximum-likelihood mean and the unbiased covariance of the states 𝕏 [N, 6]."""
+        x = as_states(states, "states")
+        check(len(x) > 6, "states", f"{len(x)} states", "at least 7 states")
+        return cls(x.mean(axis=0), np.cov(x, rowvar=False))
+
+    def sample(self, n: int, rng: Generator) -> Floats:
+        """n states [n, 6]; by Cholesky, whose factor has no free signs: every machine draws the same."""
+        return rng.multivariate_normal(self.mean, self.covariance, size=n, method="cholesky")
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """D_tr, and the normal distribution behind a part of it.
+
+    Attributes:
+        x: [k, 6] states, rad and rad/s; the first ones from UD, the others from MND.
+        z: [k] safety labels l_n(x), 1 = safe.
+        n_ud: number of states from UD.
+        mnd: the normal distribution that the others were drawn from.
+    """
+
+    x: Floats
+    z: Labels
+    n_ud: int
+    mnd: MultivariateNormal
+
+    def save(self, path: Path) -> None:
+        """Write as npz (no pickle), beside and renamed."""
+        mean, covariance = self.mnd.mean, self.mnd.covariance
+        write_arrays(path, FORMAT, x=self.x, z=self.z, n_ud=self.n_ud, mean=mean, covariance=covariance)
+
+    @classmethod
+    def load(cls, path: Path) -> "TrainingData":
+        """Read what `save` wrote.
+
+        Raises:
+            ResultError: the file is missing, truncated or something else.
+        """
+        a = read_arrays(path, FORMAT, ("x", "z", "n_ud", "mean", "covariance"))
+        mnd = MultivariateNormal(a["mean"], a["covariance"])
+        return cls(a["x"], a["z"], int(a["n_ud"]), mnd)
+
+
+def split(alpha: float, k: int) -> tuple[int, int]:
+    """(|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
+
+    Raises:
+        ValueError: α outside [0, 1], or k not a whole number of at least 2.
+    """
+    check(isinstance(alpha, (int, float)) and 0 <= alpha <= 1, "alpha", alpha, "a number in [0, 1]")
+    whole = isinstance(k, int) and not isinstance(k, bool)
+    check(whole and k >= 2, "k", k, "a whole number in [2, inf)")
+    n_ud = int(np.floor(alpha * k + 0.5))
+    return n_ud, k - n_ud
+
+
+def sample_uniform(n: int, state_max: ArrayLike, rng: Generator) -> Floats:
+    """n states [n, 6] from the UD over ±state_max [6] (App. C)."""
+    high = np.asarray(state_max, dtype=np.float64)
+    return rng.uniform(-high, high, size=(n, 6))
+
+
+@jit
+def _random_rollouts(
+    coefficients: Coefficients,
+    limits: Limits,
+    state_max: Floats,
+    torques: Floats,
+    periods_per_torque: int,
+    out: Floats,
+) -> int:
+    n = 0
+    for i in range(torques.shape[0]):
+        state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        for t in range(torques.shape[1] * periods_per_torque):
+            inside = True
+            for j in range(6):
+                inside = inside and abs(state[j]) <= state_max[j]
+            if not inside:
+                break
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = state
+            n += 1
+            state, outcome = hold_torque(
+                coefficients, limits, state, as_torque(torques[i, t // periods_per_torque])
+            )
+            if outcome != 0:
+                break
+    return n
+
+
+def visited_states(config: Config, rng: Generator) -> Floats:
+    """𝕏 [N, 6]: the states that a random policy visits on the nominal system from the origin (Sec. III-A).
+
+    Each torque is uniform within its limits and held for ``random_hold``; a rollout ends where it leaves
+    the state space of App. C, or after ``random_length``. States are recorded every control period.
+    """
+    paper, choices = config.paper, config.choices
+    loop = ClosedLoop.from_config(config)
+    hold = max(1, round(choices.random_hold / choices.control_period))
+    pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
+    torques = rng.uniform(-paper.torque_limit, paper.torque_limit, (choices.random_rollouts, pieces, 3))
+    out = np.empty((choices.random_rollouts * pieces * hold, 6))
+    coefficients, _, limits, _ = loop.kernel_arguments
+    n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
+    return out[:n].copy()
+
+
+def sample_mnd(n: int, mnd: MultivariateNormal, config: Config, rng: Generator) -> Floats:
+    """n states [n, 6] from the MND; ``mnd_outside = redraw``: only states inside the ranges of App. C."""
+    if config.choices.mnd_outside == "keep":
+        return mnd.sample(n, rng)
+    high, kept = np.array(config.paper.state_max), np.empty((0, 6))
+    while len(kept) < n:
+        drawn = mnd.sample(n, rng)
+        kept = np.concatenate([kept, drawn[(np.abs(drawn) <= high).all(axis=1)]])
+    return kept[:n]
+
+
+def generate(alpha: float, config: Config, seed: int) -> TrainingData:
+    """The training data D_tr of one α: sampled, and labelled on the nominal system.
+
+    𝕏 and with it the MND depend on the seed only, not on α.
+
+    Raises:
+        ValueError: α outside [0, 1].
+    """
+    n_ud, n_mnd = split(alpha, config.paper.k)
+    policy_rng, state_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    mnd = MultivariateNormal.fit(visited_states(config, policy_rng))
+    ud = sample_uniform(n_ud, config.paper.state_max, state_rng)
+    x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, state_rng)])
+    return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd)
+
+
+def known_states(data: TrainingData, config: Config) -> tuple[Floats, Labels]:
+    """States [k, 6] and labels [k] that Ψ and Γ learn from: D_tr, and with ``known_origin`` the origin.
+
+    The paper assumes that the origin is a known safe state (Sec. II-A); this is that knowledge, as data.
+    """
+    if not config.choices.known_origin:
+        return data.x, data.z
+    return np.concatenate([data.x, np.zeros((1, 6))]), np.append(data.z, 1)

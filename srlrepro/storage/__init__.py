@@ -1,0 +1,1 @@
+"""Results on disk: written whole, read with checks, and marked with what made them."""

@@ -1,0 +1,250 @@
+"""Results on disk: written beside and renamed, read with checks, never a pickle.
+
+A file is either whole or absent: writers fill a temporary file in the same folder and rename it.
+Readers take nothing on trust, as a file may come from elsewhere: they run none of its content, read no more
+than `LARGEST` bytes of it, and raise `ResultError`, one line that names the file and what is wrong with it.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from srlrepro.settings.fields import LONGEST_MESSAGE, one_line
+
+UNFINISHED = "-unfinished-"  # in the names of temporary files
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LARGEST = 256 * 2**20  # bytes of one file, and of what it unpacks to: 250 times the largest of a full run
+NUMBERS = "?bhilqBHILQfd"  # kinds of numbers (dtype.char) that the compiled code takes
+
+
+class ResultError(RuntimeError):
+    """A result is missing, truncated, foreign or cannot be written; the message is one line."""
+
+    def __init__(self, message: object) -> None:
+        super().__init__(one_line(message, LONGEST_MESSAGE))
+
+
+@contextmanager
+def beside(path: Path) -> Iterator[Path]:
+    """Yield a temporary path in the folder of ``path``; on success rename it to ``path``.
+
+    Raises:
+        ResultError: the folder cannot be made or written, the disk is full, or the path is a folder.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ResultError(f"cannot write {path}: it is a folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}{UNFINISHED}", suffix=path.suffix, dir=path.parent
+        )
+    except OSError as error:
+        raise ResultError(f"cannot write to {path.parent}: {error.strerror}") from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise ResultError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove the temporary files that killed writers have left anywhere below a folder."""
+    for path in Path(folder).rglob(f".*{UNFINISHED}*"):
+        path.unlink()
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of the content of a file that exists."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def require_writable(folder: Path) -> None:
+    """Make the folder, and see that a file can be written there.
+
+    Raises:
+        ResultError: it cannot.
+    """
+    with suppress(_ProbeError), beside(Path(folder) / "probe"):
+        raise _ProbeError
+
+
+class _ProbeError(Exception):
+    """Ends `beside` without leaving a file."""
+
+
+def existing(path: Path) -> Path:
+    """``path``, if there is such a file.
+
+    Raises:
+        ResultError: there is none.
+    """
+    try:
+        found = Path(path).is_file()
+    except OSError as error:
+        raise ResultError(f"cannot read {path}: {error.strerror}") from error
+    if not found:
+        raise ResultError(f"missing result {path}: run the stage that makes it first")
+    return Path(path)
+
+
+def bounded(path: Path) -> Path:
+    """``path``, if there is such a file, of at most `LARGEST` bytes.
+
+    Raises:
+        ResultError: there is none, or it is larger.
+    """
+    size = existing(path).stat().st_size
+    if size > LARGEST:
+        raise ResultError(f"{path} has {size} bytes, more than {LARGEST}")
+    return Path(path)
+
+
+def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
+    """See that the parts of an archive state at most `LARGEST` bytes together; zipfile reads no more of them.
+
+    Raises:
+        ResultError: they state more.
+    """
+    unpacked = sum(part.file_size for part in archive.infolist())
+    if unpacked > LARGEST:
+        raise ResultError(f"{path} unpacks to {unpacked} bytes, more than {LARGEST}")
+
+
+def bounded_archive(path: Path, kind: str = "zip archive") -> Path:
+    """``path``, if there is such an archive, whose parts unpack to at most `LARGEST` bytes together.
+
+    Raises:
+        ResultError: there is none, it is damaged, or it is larger.
+    """
+    try:
+        with zipfile.ZipFile(bounded(path)) as archive:
+            check_unpacked(archive, path)
+    except ResultError:
+        raise
+    except Exception as error:  # zipfile raises more than it documents
+        raise ResultError(f"{path} is truncated or not a {kind}") from error
+    return Path(path)
+
+
+def write_arrays(path: Path, kind: str, **arrays: Any) -> None:
+    """Write named arrays as compressed npz, with ``kind`` naming the format."""
+    with beside(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, format=np.array(kind), **arrays)
+
+
+def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]:
+    """Read the named arrays of an npz file of the given kind; pickled content is refused.
+
+    Raises:
+        ResultError: the file is missing, too large, truncated, not of this kind, or an array holds neither
+            numbers that the compiled code takes nor text.
+    """
+    bounded_archive(path, f"{kind} file")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if "format" not in archive or str(archive["format"]) != kind:
+                raise ResultError(f"{path} is not a {kind} file")
+            arrays = {name: archive[name] for name in names}
+    except ResultError:
+        raise
+    except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
+        raise ResultError(f"{path} is truncated or not a {kind} file") from error
+    for name, array in arrays.items():
+        if not array.dtype.isnative or (array.dtype.char not in NUMBERS and array.dtype.kind != "U"):
+            raise ResultError(f"{path}: {name} holds {one_line(array.dtype)}, not plain numbers or text")
+    return arrays
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as indented JSON."""
+    with beside(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        raise ValueError("a name stands twice in a table")
+    return values
+
+
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def parse_json(text: str) -> Any:
+    """The value of a JSON text, without the names given twice, NaN and infinity that Python takes.
+
+    Raises:
+        ValueError: the text is not JSON, or nested too deeply to be read.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file.
+
+    Raises:
+        ResultError: the file is missing, too large or not JSON (`parse_json`).
+    """
+    try:
+        return parse_json(bounded(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ResultError(f"{path} is truncated or not JSON: {one_line(error)}") from error
+
+
+def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> None:
+    """Write a table as CSV; ``digits``: significant digits of floating-point columns."""
+    with beside(path) as temporary:
+        table.to_csv(temporary, index=False, float_format=None if digits is None else f"%.{digits}g")
+
+
+def read_table(
+    path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = (), text: tuple[str, ...] = ()
+) -> pd.DataFrame:
+    """Read a CSV table that has at least the given columns: those in ``numbers`` may hold numbers alone,
+    those in ``text`` are kept as they are written.
+
+    Raises:
+        ResultError: the file is missing, too large, empty, lacks a column, or a column of ``numbers`` holds
+            something else.
+    """
+    try:
+        table = pd.read_csv(bounded(path), dtype=dict.fromkeys(text, str))
+    except (ValueError, OverflowError) as error:  # pandas' own errors and those of the encoding are of these
+        raise ResultError(f"{path} is truncated or not a table") from error
+    lacking = [name for name in columns if name not in table]
+    if lacking:
+        raise ResultError(f"{path} lacks the columns {', '.join(lacking)}")
+    words = [name for name in numbers if len(table) and table[name].dtype.kind not in "biuf"]
+    if words:
+        raise ResultError(f"{path} holds no numbers in the columns {', '.join(words)}")
+    return table

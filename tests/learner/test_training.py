@@ -1,0 +1,237 @@
+"""Training: the parameters of App. C, determinism, counts that add up, and runs that are refused."""
+
+import io
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from learned import Learned
+from runs import CONDITIONS, CONFIG, FREE, NARROW, STOCK, SUPERVISED, UPDATE, UPDATES, Case, products, quiet
+from stable_baselines3 import PPO
+
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.learner.training import (
+    TRIAL_COLUMNS,
+    VISITED_FORMAT,
+    Run,
+    count,
+    learning_curve,
+    make_env,
+    make_learner,
+    train,
+)
+from srlrepro.learner.trials import evaluate
+from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import ResultError, read_arrays
+from srlrepro.supervisor import Supervisor
+
+
+@CONDITIONS
+def test_trained_twice_gives_the_same_numbers(case: Case, whole: dict[str, Path], tmp_path: Path) -> None:
+    case.train(tmp_path)
+    assert products(tmp_path) == products(whole[case.name])
+    replace(case, run=replace(case.run, seed=case.run.seed + 1)).train(tmp_path)
+    assert products(tmp_path)["visited"] != products(whole[case.name])["visited"]
+
+
+@pytest.mark.parametrize("where", ["folder", "checkpoint"])
+def test_a_folder_that_cannot_be_written_is_found_out_before_training(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    bad = tmp_path / "file" / "folder"
+
+    def learn(*_: Any, **__: Any) -> None:
+        raise AssertionError("it trains")
+
+    monkeypatch.setattr(PPO, "learn", learn)
+    with pytest.raises(ResultError, match=f"cannot write to {bad}"):
+        train(FREE, CONFIG, None, *((bad, None) if where == "folder" else (tmp_path, bad / "c.zip")), quiet)
+
+
+@CONDITIONS
+def test_counts_and_curves_add_up(case: Case, whole: dict[str, Path]) -> None:
+    folder, run, region = whole[case.name], case.run, case.region
+    trials, curve = (pd.read_csv(folder / name) for name in ("trials.csv", "curve.csv"))
+    result = json.loads((folder / "run.json").read_text())
+    counts = result["counts"]
+    assert tuple(trials.columns) == TRIAL_COLUMNS
+    assert counts["trials"] == len(trials) == curve["trials"].sum() > 0
+    assert counts["activations"] == trials["activated"].sum() == curve["activations"].sum()
+    failures = counts["hit_the_ground"] + counts["not_recovered_in_time"]
+    assert counts["activations"] == counts["recovered"] + failures
+    assert counts["trials"] >= counts["activations"] + counts["falls"] + counts["diverged"]
+    assert (curve["failures"].sum(), curve["falls"].sum()) == (failures, counts["falls"])
+    assert (counts["activations"] > 0) == (region is not None)
+    assert counts["falls"] > 0 or region is not None
+    assert result["steps_done"] == run.steps == curve["step"].iloc[-1]
+    assert list(curve["step"]) == [UPDATE * (i + 1) for i in range(UPDATES)]
+    ends = np.cumsum(trials["length"])  # one trial after the other
+    np.testing.assert_array_equal(trials["step"], ends)
+    total = (curve["reward_per_step"] * curve["mean_length"] * curve["trials"]).sum()
+    assert total == pytest.approx(trials["return"].sum())
+    assert result["run"] == {"alpha": run.alpha, "delta": run.delta, "seed": run.seed, "steps": run.steps}
+    assert result["config"] == case.config.as_dict()
+
+
+@CONDITIONS
+def test_visited_states_are_those_that_the_steps_reach(
+    case: Case, whole: dict[str, Path], tmp_path: Path
+) -> None:
+    """A trial ends where the state is out of bounds, and nowhere else but at the time limit."""
+    run, every = case.run, read_arrays(whole[case.name] / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    trials = pd.read_csv(whole[case.name] / "trials.csv")
+    assert every.shape == (run.steps, 6)
+    ended = trials["step"][trials["outcome"] != "time limit"]
+    out = np.abs(every[:, 0]) >= CONFIG.paper.theta1_max
+    if case.region is not None:
+        out |= case.region.predict(every) == 0
+    np.testing.assert_array_equal(np.flatnonzero(out) + 1, ended)
+    case.train(tmp_path, visited_states=run.steps // 5)
+    fewer = read_arrays(tmp_path / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+    np.testing.assert_array_equal(fewer, every[4::5])
+
+
+@CONDITIONS
+def test_the_final_trials_are_those_of_the_saved_policy(case: Case, whole: dict[str, Path]) -> None:
+    result = json.loads((whole[case.name] / "run.json").read_text())["final_policy"]
+    policy = PPO.load(whole[case.name] / "policy.zip", device="cpu")
+    assert result["own condition"] == evaluate(policy, make_env(case.run, CONFIG, case.region))
+    assert result["no supervisor"] == evaluate(policy, ThreeLinkCircleEnv(1.5, config=CONFIG))
+
+
+def test_evaluation_is_one_trial() -> None:
+    """Of a policy that does nothing: the target is 2 r |sin(πt / 2)| away."""
+    idle: Any = SimpleNamespace(predict=lambda observation, deterministic: (np.zeros(3), None))
+    env = ThreeLinkCircleEnv(config=CONFIG)
+    t = env.rule.control_period * np.arange(1, env.arrays.periods + 1)
+    expected = {"length": env.arrays.periods, "outcome": "time limit"}
+    found = evaluate(idle, env)
+    assert found.pop("return") == pytest.approx((2 - 6 * np.sin(np.pi * t / 2)).sum())
+    assert found == expected
+
+
+def test_steps_are_rounded_up_to_whole_updates(tmp_path: Path) -> None:
+    result = train(Run(None, 1.0, 0, UPDATE + 1), CONFIG, None, tmp_path, report=quiet)
+    assert result["steps_done"] == 2 * UPDATE
+
+
+def test_a_run_in_which_no_trial_ends_is_a_run(tmp_path: Path) -> None:
+    config = CONFIG.with_values(trial_length=100.0, log_std_init=-5.0)
+    result = train(Run(None, 1.0, 0, 2), config, None, tmp_path, report=quiet)
+    assert set(result["counts"].values()) == {0}
+    assert pd.read_csv(tmp_path / "curve.csv")["trials"].sum() == 0
+
+
+def test_progress_is_reported_where_no_bar_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    lines: list[str] = []
+    train(FREE, CONFIG, None, tmp_path, report=lines.append)
+    assert len(lines) == UPDATES
+    assert lines[-1].startswith(f"step {FREE.steps} of {FREE.steps}, about 0.0 min left")
+
+
+def test_a_learned_region_supervises_a_training(small: Learned, tmp_path: Path) -> None:
+    config = CONFIG.with_values(trial_length=4.0)
+    counts = train(SUPERVISED, config, small[1], tmp_path, report=quiet)["counts"]
+    assert counts["activations"] > 0
+    env = make_env(SUPERVISED, config, small[1])
+    assert isinstance(env, Supervisor)
+    assert (env.region, env.task.pendulum.delta) == (small[1], 1.5)
+
+
+def table(rows: list[tuple[Any, ...]]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+
+
+TRIALS = table(
+    [
+        (4, 4, 8.0, "supervised", True, "recovered", 0.5),
+        (10, 6, 3.0, "hit the ground", False, "", 0.0),
+        (11, 1, 1.0, "supervised", True, "hit the ground", 0.1),
+        (31, 20, 9.0, "supervised", True, "not recovered in time", 5.0),
+        (40, 9, 6.0, "time limit", False, "", 0.0),
+        (41, 1, -9.0, "diverged", False, "", 0.0),
+    ]
+)
+
+
+def test_the_learning_curve_of_a_small_table() -> None:
+    curve = learning_curve(TRIALS, 10, 5)
+    assert list(curve["step"]) == [10, 20, 30, 40, 50]
+    assert list(curve["trials"]) == [2, 1, 0, 2, 1]
+    np.testing.assert_array_equal(curve["mean_return"], [5.5, 1.0, np.nan, 7.5, -9.0])
+    np.testing.assert_array_equal(curve["mean_length"], [5.0, 1.0, np.nan, 14.5, 1.0])
+    np.testing.assert_allclose(curve["reward_per_step"], [1.1, 1.0, np.nan, 15 / 29, -9.0])
+    assert list(curve["activations"]) == [1, 1, 0, 1, 0]
+    assert list(curve["failures"]) == [0, 1, 0, 1, 0]
+    assert list(curve["falls"]) == [1, 0, 0, 0, 0]
+
+
+def test_the_counts_of_a_small_table() -> None:
+    by_k = {"activations": 3, "recovered": 1, "hit_the_ground": 1, "not_recovered_in_time": 1}
+    assert count(TRIALS) == {"trials": 6, **by_k, "falls": 1, "diverged": 1}
+    assert set(count(TRIALS[:0]).values()) == {0}
+
+
+def test_the_parameters_of_appendix_c_reach_the_learner() -> None:
+    config = Config()
+    model = make_learner(ThreeLinkCircleEnv(config=config), config, seed=5)
+    assert (model.n_steps, model.batch_size, model.n_epochs) == (2048, 2048 // 128, 10)
+    assert (model.learning_rate, model.gamma, model.gae_lambda) == (1e-4, 0.99, 0.95)
+    assert (model.vf_coef, model.max_grad_norm, model.ent_coef) == (1.0, 10.0, 0.0)
+    assert (model.seed, model.device.type) == (5, "cpu")
+    assert model.clip_range(1.0) == model.clip_range(0.0) == config.choices.clip_range
+    policy = model.policy
+    for network in (policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net):
+        layers = [m for m in network if isinstance(m, torch.nn.Linear)]
+        assert [(m.in_features, m.out_features) for m in layers] == [(8, 128), (128, 128)]
+    assert (policy.action_net.out_features, policy.value_net.out_features) == (3, 1)
+    assert (policy.log_std == config.choices.log_std_init).all()
+    assert isinstance(policy.optimizer, torch.optim.Adam)
+    assert (policy.optimizer.defaults["eps"], policy.optimizer.defaults["lr"]) == (1e-5, 1e-4)
+
+
+def test_every_update_takes_its_epochs_of_minibatches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, adam = [], torch.optim.Adam.step
+
+    def counted(self: Any, *arguments: Any) -> Any:
+        steps.append(self)
+        return adam(self, *arguments)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", counted)
+    train(Run(None, 1.0, 0, 2 * UPDATE), STOCK, None, tmp_path, report=quiet)
+    assert len(steps) == 2 * CONFIG.paper.n_epochs * CONFIG.paper.n_minibatches
+
+
+def test_a_region_comes_with_alpha_and_only_then(tmp_path: Path) -> None:
+    for run, region in ((SUPERVISED, None), (FREE, NARROW)):
+        with pytest.raises(ValueError, match="region = "):
+            train(run, STOCK, region, tmp_path, report=quiet)
+
+
+def test_a_region_that_denies_the_origin_stops_the_training(tmp_path: Path) -> None:
+    nothing: Hypothesis = SimpleNamespace(predict=lambda x: np.zeros(1))
+    with pytest.raises(ValueError, match="region: predicts the start of the trial as unsafe"):
+        train(SUPERVISED, CONFIG, nothing, tmp_path, report=quiet)
+
+
+BAD = [("alpha", v) for v in (-0.1, 1.1, np.nan)] + [("delta", v) for v in (0.0, -1.0, np.nan, np.inf)]
+BAD += [("seed", -1), ("seed", 0.5), ("steps", 0), ("steps", 1e6)]
+
+
+@pytest.mark.parametrize(("name", "value"), BAD)
+def test_bad_runs_are_refused_by_name(name: str, value: Any) -> None:
+    values: dict[str, Any] = {"alpha": None, "delta": 1.0, "seed": 0, "steps": 10, name: value}
+    with pytest.raises(ValueError, match=f"{name} = {value}"):
+        Run(**values)

@@ -1,0 +1,128 @@
+"""The safe region as a file and as an estimator: what comes back and what is refused."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from learned import Learned
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.region.safe_region import FORMAT, SafeRegion
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import ResultError, write_arrays
+
+Draw = Callable[..., Floats]
+HIGH = np.array(Config().paper.state_max)
+
+
+def test_a_saved_region_predicts_the_same(small: Learned, draw: Draw, tmp_path: Path) -> None:
+    region, x = small[1], draw(500)
+    region.save(tmp_path / "region.npz")
+    back = SafeRegion.load(tmp_path / "region.npz")
+    assert back.get_params() == region.get_params()
+    for method in ("transform", "predict_proba", "predict"):
+        np.testing.assert_array_equal(getattr(back, method)(x), getattr(region, method)(x))
+    for name in ("embedding_", "evidence_", "labels_", "classes_"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(region, name))
+
+
+def test_truncated_and_foreign_files_are_refused(small: Learned, tmp_path: Path) -> None:
+    path = tmp_path / "region.npz"
+    small[1].save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ResultError, match=r"region\.npz"):
+        SafeRegion.load(path)
+    small[0].save(path)  # training data
+    with pytest.raises(ResultError, match=r"region\.npz"):
+        SafeRegion.load(path)
+    with pytest.raises(ResultError, match="missing"):
+        SafeRegion.load(tmp_path / "absent.npz")
+
+
+SPOILS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
+    "an entry too few": (lambda v: v.ndim > 0, lambda v: v[:-1]),
+    "a dimension too few": (lambda v: v.ndim > 0, lambda v: v[0]),
+    "NaN": (lambda v: v.dtype.kind == "f", lambda v: np.nan * v),
+    "text instead of numbers": (lambda v: v.dtype.kind in "if", lambda v: np.array("text")),
+    "minus one": (lambda v: v.dtype.kind in "if", lambda v: 0 * v - 1),
+}
+MAY_BE_NEGATIVE = {"array_x_train", "array_y_train", "array_origin", "evidence", "param_random_state"}
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_parts_that_do_not_fit_together_are_refused(small: Learned, tmp_path: Path, spoil: str) -> None:
+    path, accepted = tmp_path / "region.npz", []
+    applies, change = SPOILS[spoil]
+    small[1].save(path)
+    with np.load(path) as archive:
+        stored = {key: value for key, value in archive.items() if key != "format"}
+    names = [name for name in stored if applies(stored[name])]
+    for name in [n for n in names if spoil != "minus one" or n not in MAY_BE_NEGATIVE]:
+        write_arrays(path, FORMAT, **{**stored, name: change(stored[name])})
+        try:
+            SafeRegion.load(path)
+            accepted.append(name)
+        except ResultError as error:
+            assert str(path) in str(error)
+    assert names
+    assert accepted == []
+
+
+BAD_PARAMETERS: dict[str, list[Any]] = {
+    "p_t": [0.0, 1.0, -0.5, 1.5, np.nan],
+    "neighbours": [0, -1, 2.5],
+    "bandwidth": [0.0, -0.1, np.nan],
+    "prior": [0.0, -1.0, np.nan],
+    "cells": [0, -3],
+    "evidence": ["elsewhere"],
+    "state_max": [(0.0, *HIGH[1:]), tuple(HIGH[:5])],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(n, v) for n, values in BAD_PARAMETERS.items() for v in values])
+def test_bad_parameters_are_refused_by_name(example: tuple[Floats, ...], name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f"{name} = "):
+        SafeRegion(**{name: value}).fit_embedding(*example)
+
+
+def test_bad_training_data_are_refused_by_name(example: tuple[Floats, ...]) -> None:
+    x, z, y = example
+    spoilt = np.where(x > x.min(), x, np.nan)
+    cases = [
+        (spoilt, z, y, "x"),
+        (x[:, :5], z, y, "x"),
+        (x, z[:-1], y, "z"),
+        (x, z + 1, y, "z"),
+        (x, np.where(z == 1, np.nan, 0.0), y, "z"),
+        (x, z, y[:-1], "y"),
+        (x, z, y[:, :1], "y"),
+        (x[:1], z[:1], y[:1], "k"),
+    ]
+    for *data, name in cases:
+        with pytest.raises(ValueError, match=f"^{name} = "):
+            SafeRegion().fit_embedding(*data)
+
+
+def test_a_single_state_is_no_dataset(example: tuple[Floats, ...]) -> None:
+    with pytest.raises(ValueError, match=r"^k = 1"):
+        SafeRegion().fit(example[0][:1], [1], np.zeros((1, 5, 6)))
+
+
+def test_sklearns_conventions(example: tuple[Floats, ...]) -> None:
+    region = SafeRegion(p_t=0.7, neighbours=3)
+    assert region.get_params()["p_t"] == 0.7
+    assert clone(region).get_params() == region.get_params()
+    assert region.set_params(prior=2.0) is region
+    assert region.prior == 2.0
+    for call in (region.transform, region.safety, region.predict_proba, region.predict, region.save):
+        with pytest.raises(NotFittedError):
+            call(np.zeros((1, 6)))
+    assert region.fit_embedding(*example) is region
+    np.testing.assert_array_equal(region.classes_, [0, 1])
+    assert region.score(example[0], region.predict(example[0])) == 1.0
+    with pytest.raises(NotFittedError):
+        clone(region).predict(example[0])

@@ -1,0 +1,60 @@
+"""The measurements behind the choices."""
+
+import numpy as np
+
+from replication.evidence.measures import classification
+from replication.studies.choices import (
+    calibration,
+    exploration,
+    integration,
+    random_policies,
+    recoveries,
+    stability,
+)
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.region.safe_region import learn_region
+from srlrepro.samplers import generate
+from srlrepro.settings.config import Config
+
+CONFIG = Config().with_values(k=80, random_rollouts=300)
+
+
+def test_more_substeps_agree_more_with_a_fine_integration() -> None:
+    table = integration(CONFIG, [1, CONFIG.choices.substeps, 96], 500, seed=0)
+    shares = table["equal labels"].to_numpy()
+    assert shares[2] == 1.0 and shares[1] > 0.99 and shares[0] < shares[1]
+
+
+def test_the_defaults_keep_every_system_stable_and_a_soft_k_does_not() -> None:
+    table = stability(CONFIG, [1.0, 4.0], [{}, {"lqr_angle_weight": 1.0, "lqr_torque_weight": 1.0}])
+    assert table["variation"].tolist() == ["default", "lqr_angle_weight = 1.0, lqr_torque_weight = 1.0"]
+    assert (table.loc[0, ["Δ = 1", "Δ = 4"]] < 1).all() and table.loc[1, "Δ = 4"] > 1
+
+
+def test_recoveries_end_before_the_horizon_and_below_the_bound() -> None:
+    table = recoveries(CONFIG, [1.0, 4.0], 300, seed=0)
+    assert (table["slowest / s"] < CONFIG.choices.recovery_horizon).all()
+    assert (table["largest rate / (rad/s)"] < CONFIG.choices.rate_bound).all()
+    assert table["recovered"].is_monotonic_decreasing
+
+
+def test_a_torque_held_longer_makes_less_of_the_mnd_safe() -> None:
+    table = random_policies(CONFIG, [0.01, 0.5], 1000, seed=0)
+    assert table["safe share"][0] > table["safe share"][1] and (table["correlation"] > 0).all()
+
+
+def test_calibration_reuses_embeddings_without_changing_a_score() -> None:
+    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200).set_index("variation")
+    data, varied = generate(1.0, CONFIG, 0), CONFIG.with_values(psi_neighbours=4)
+    region = learn_region(data, varied, 0)
+    x = np.random.default_rng([0, 2]).uniform(
+        *(np.array(s) * CONFIG.paper.state_max for s in (-1, 1)), (200, 6)
+    )
+    brier = classification(region, x, ClosedLoop.from_config(CONFIG).predict(x))["brier"]
+    assert table.loc["psi_neighbours = 4", "α = 1"] == brier
+    assert table.loc["default", "α = 1"] != brier
+
+
+def test_a_quieter_policy_stays_longer_in_the_state_space() -> None:
+    table = exploration(CONFIG, [0.0, -3.0], 1.1, trials=5, seed=0)
+    assert table["states in App. C"][1] > table["states in App. C"][0]

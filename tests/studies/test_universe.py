@@ -1,0 +1,159 @@
+"""One universe: its conditions, its measures, and cells that are not trained twice."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from replication.evidence.claims import load
+from replication.evidence.joined_measures import common_errors
+from replication.studies import universe as module
+from replication.studies.universe import (
+    Learned,
+    Universe,
+    conditions,
+    labelled,
+    possible,
+    region_measures,
+    train_cells,
+)
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.learner.training import VISITED_FORMAT
+from srlrepro.samplers import sample_uniform
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import read_arrays
+
+SMALL = Config().with_values(
+    k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
+)
+UNIVERSE = Universe(SMALL, ("0", "none"), (1.1, 4.0), (0,), 0, 512)
+
+
+@pytest.fixture(scope="module")
+def learned() -> Learned:
+    return UNIVERSE.learn()
+
+
+@pytest.fixture(scope="module")
+def trained(learned: Learned, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame]:
+    folder = tmp_path_factory.mktemp("universe")
+    return folder, table(train_cells(UNIVERSE, learned, folder))
+
+
+def table(rows: list[tuple[object, ...]]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=["measure", "alpha", "delta", "seed", "value"])
+
+
+def test_runs_are_the_grid_with_the_free_learner_first() -> None:
+    runs = replace(UNIVERSE, alphas=("0", "0.5", "none"), seeds=(0, 1)).runs
+    assert [r.alpha for r in runs[:4]] == [None] * 4 and len({r.name for r in runs}) == len(runs) == 12
+    assert all(r.steps == UNIVERSE.steps for r in runs)
+
+
+def test_the_default_meets_the_papers_conditions(learned: Learned) -> None:
+    met = conditions(UNIVERSE, learned)
+    assert len(met) == len(UNIVERSE.deltas) + 2 * len(learned) + 1 and met["met"].all()
+
+
+@pytest.mark.parametrize(
+    ("values", "broken", "left"),
+    [
+        ({"lqr_angle_weight": 1.0}, "upright is stable under K at Δ = 4", ()),
+        ({"p_t": 0.999}, "accepts the origin", ("none",)),
+    ],
+)
+def test_violated_conditions_are_named(
+    values: dict[str, float], broken: str, left: tuple[str, ...], learned: Learned
+) -> None:
+    """With Q = I upright is lost at Δ = 4; no region promises the origin a safety of 0.999.
+
+    The first concerns the whole universe, the second one α, so that the free learner is left.
+    """
+    met = conditions(replace(UNIVERSE, config=SMALL.with_values(**values)), learned)
+    (name,) = met.loc[~met["met"], "condition"]
+    assert broken in name
+    assert possible(UNIVERSE, met).alphas == left
+
+
+def test_measures_of_regions_are_shares(learned: Learned) -> None:
+    found = table(region_measures(UNIVERSE, learned))
+    assert found["value"].between(0, 1).all() and set(found["alpha"]) == {"0"}
+    expected = {"safe_share", "near_origin_share", "corner_share", "embedding_purity", "accepted_share"}
+    assert expected < set(found["measure"])
+
+
+def test_every_cell_is_measured(trained: tuple[Path, pd.DataFrame]) -> None:
+    found = trained[1].set_index(["measure", "alpha", "delta"])["value"]
+    for delta in UNIVERSE.deltas:
+        assert found["activations", "none", delta] == 0
+        assert ("generalization_error", "0", delta) in found and (
+            "generalization_error",
+            "none",
+            delta,
+        ) not in found
+        assert found["policy_return_share", "0", delta] <= 1
+    assert not list((trained[0] / "checkpoints").glob("*"))
+
+
+def test_a_universe_measures_what_the_claims_are_tested_on(
+    learned: Learned, trained: tuple[Path, pd.DataFrame]
+) -> None:
+    regions = {row[0] for row in region_measures(UNIVERSE, learned)}
+    assert {claim.measure for claim in load()} <= regions | set(trained[1]["measure"])
+
+
+@pytest.mark.parametrize(("apart", "every"), [(75, 1), (25, 1), (12, 2), (7, 3), (1, 25)])
+def test_labelled_states_are_spread_over_the_training(apart: int, every: int) -> None:
+    """One in ``every`` of states that were kept ``apart`` steps from each other, with their labels."""
+    visited = sample_uniform(100, SMALL.paper.state_max, np.random.default_rng(0))
+    real = ClosedLoop.from_config(SMALL, 4.0)
+    x, labels = labelled(visited, real, 100 * apart)
+    assert np.array_equal(x, visited[::every]) and np.array_equal(labels, real.predict(visited)[::every])
+
+
+def test_common_errors_are_of_the_free_run_with_the_same_mismatch(
+    trained: tuple[Path, pd.DataFrame], learned: Learned
+) -> None:
+    folder, rows = trained
+    found = rows.set_index(["measure", "alpha", "delta"])["value"]
+    for run in UNIVERSE.runs[: len(UNIVERSE.deltas)]:
+        visited = read_arrays(folder / "runs" / run.name / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+        x, labels = labelled(visited.astype(float), ClosedLoop.from_config(SMALL, run.delta), run.steps)
+        expected = common_errors(learned["0"][1], x, labels)
+        assert {name: found[name, "0", run.delta] for name in expected} == expected
+
+
+def test_finished_cells_are_read_and_others_trained(
+    trained: tuple[Path, pd.DataFrame], learned: Learned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other values, other code, or a missing run.json: the cell is trained again."""
+    folder, before = trained
+    again: list[str] = []
+    original = module.train
+
+    def train(run, *rest):  # type: ignore[no-untyped-def]
+        again.append(run.name)
+        return original(run, *rest)
+
+    monkeypatch.setattr(module, "train", train)
+    assert table(train_cells(UNIVERSE, learned, folder)).equals(before) and again == []
+    names = [run.name for run in UNIVERSE.runs]
+    (folder / "runs" / names[0] / "run.json").unlink()
+    changed = json.loads((folder / "runs" / names[1] / "run.json").read_text())
+    changed["provenance"]["code"] = "other"
+    (folder / "runs" / names[1] / "run.json").write_text(json.dumps(changed))
+    assert table(train_cells(UNIVERSE, learned, folder)).equals(before) and again == names[:2]
+    other = replace(UNIVERSE, config=SMALL.with_values(clip_range=0.1))
+    train_cells(other, learned, folder)
+    assert again[2:] == names
+
+
+def test_an_oracle_knows_the_system_of_its_cell(tmp_path: Path) -> None:
+    """The ideal supervisor stops where K fails on the real system, so that no activation succeeds."""
+    config = SMALL.with_values(hypothesis="real", n_steps=256, log_std_init=1.0)
+    ideal = Universe(config, ("1",), (4.0,), (0,), 0, 512)
+    found = table(train_cells(ideal, ideal.learn(), tmp_path)).set_index("measure")["value"]
+    assert found["activations"] > 0 and found["success_rate"] == 0 and found["generalization_error"] == 0

@@ -1,0 +1,203 @@
+"""Training data: statistical tests of the distributions, the exact αk split, the set-up's conditions."""
+
+import itertools
+from fractions import Fraction
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from srlrepro.dynamics.closed_loop import ClosedLoop, hold_torque
+from srlrepro.samplers import (
+    MultivariateNormal,
+    TrainingData,
+    _random_rollouts,
+    generate,
+    known_states,
+    sample_mnd,
+    sample_uniform,
+    split,
+    visited_states,
+)
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import ResultError, write_arrays
+
+HIGH = np.array(Config().paper.state_max)
+ALPHAS = (0.0, 0.001, 0.1, 0.145, 0.29, 1 / 3, 0.5, 0.57, 2 / 3, 0.7, 0.999, 1.0)
+SIGNIFICANCE = 1e-3
+
+
+def known_normal() -> MultivariateNormal:
+    root = np.random.default_rng(5).normal(size=(6, 6))
+    return MultivariateNormal(np.arange(6.0), root @ root.T + np.eye(6))
+
+
+def test_ud_is_uniform_and_its_coordinates_are_independent(rng: np.random.Generator) -> None:
+    n = 400_000
+    states = sample_uniform(n, HIGH, rng)
+    for values, high in zip(states.T, HIGH, strict=True):
+        assert stats.kstest(values, stats.uniform(-high, 2 * high).cdf).pvalue > SIGNIFICANCE
+    correlations = np.corrcoef(states.T)[np.triu_indices(6, 1)]
+    assert np.abs(correlations).max() < 4 / np.sqrt(n)
+
+
+def test_mnd_is_normal(rng: np.random.Generator) -> None:
+    """Each marginal, and the squared Mahalanobis distances, which are χ² with six degrees of freedom."""
+    mnd = known_normal()
+    states = sample_mnd(20_000, mnd, Config().with_values(mnd_outside="keep"), rng)
+    for values, mean, variance in zip(states.T, mnd.mean, np.diag(mnd.covariance), strict=True):
+        assert stats.kstest(values, stats.norm(mean, np.sqrt(variance)).cdf).pvalue > SIGNIFICANCE
+    centred = states - mnd.mean
+    squared = np.einsum("bi,ij,bj->b", centred, np.linalg.inv(mnd.covariance), centred)
+    assert stats.kstest(squared, stats.chi2(6).cdf).pvalue > SIGNIFICANCE
+
+
+def test_the_fit_recovers_a_known_normal(rng: np.random.Generator) -> None:
+    mnd, n = known_normal(), 400_000
+    fitted = MultivariateNormal.fit(mnd.sample(n, rng))
+    variance = np.diag(mnd.covariance)
+    standard_error = np.sqrt((np.outer(variance, variance) + mnd.covariance**2) / n)
+    assert (np.abs(fitted.mean - mnd.mean) < 5 * np.sqrt(variance / n)).all()
+    assert (np.abs(fitted.covariance - mnd.covariance) < 5 * standard_error).all()
+
+
+def test_the_fit_is_unbiased_for_few_states() -> None:
+    states = np.vstack([np.eye(6), -np.eye(6)])
+    np.testing.assert_allclose(MultivariateNormal.fit(states).covariance, np.eye(6) * 2 / 11, atol=1e-15)
+    with pytest.raises(ValueError, match="states = 6 states: must be at least 7"):
+        MultivariateNormal.fit(np.eye(6))
+
+
+@pytest.mark.parametrize("k", [2, 3, 7, 10, 99, 100, 1000, 12345])
+def test_the_split_is_exact_where_it_can_be_and_always_sums_to_k(k: int) -> None:
+    for alpha in (*ALPHAS, *(i / 100 for i in range(101))):
+        n_ud, n_mnd = split(alpha, k)
+        exact = Fraction(str(alpha)) * k
+        assert n_ud + n_mnd == k
+        assert min(n_ud, n_mnd) >= 0
+        assert abs(n_ud - exact) <= Fraction(1, 2)
+        if exact.denominator == 1:
+            assert n_ud == exact
+
+
+def test_halves_go_to_ud() -> None:
+    assert split(0.5, 3) == (2, 1)
+    assert split(0.25, 2) == (1, 1)
+    assert split(0.1, 5) == (1, 4)
+
+
+@pytest.mark.parametrize("alpha", [-0.1, 1.0001, nan, inf, "0.5", None])
+def test_an_alpha_outside_its_range_is_refused(alpha: float) -> None:
+    with pytest.raises(ValueError, match="alpha = "):
+        split(alpha, 10)
+    with pytest.raises(ValueError, match="alpha = "):
+        generate(alpha, Config(), 0)
+
+
+@pytest.mark.parametrize("k", [1, 0, -5, 2.5, 10.0, True, nan, "10"])
+def test_a_k_that_is_no_number_of_states_is_refused(k: int) -> None:
+    with pytest.raises(ValueError, match="k = "):
+        split(0.5, k)
+
+
+@pytest.mark.parametrize("mode", ["keep", "redraw"])
+def test_outside_states_are_kept_or_redrawn(mode: str, rng: np.random.Generator) -> None:
+    mnd = MultivariateNormal(np.zeros(6), np.diag(HIGH**2))
+    states = sample_mnd(3000, mnd, Config().with_values(mnd_outside=mode), rng)
+    assert states.shape == (3000, 6)
+    inside = (np.abs(states) <= HIGH).all(axis=1).mean()
+    expected = stats.norm.cdf([-1, 1]) @ [-1, 1]
+    assert inside == 1.0 if mode == "redraw" else inside == pytest.approx(expected**6, abs=0.03)
+
+
+def test_the_random_policy_visits_what_the_setup_says() -> None:
+    """Inside the state space of App. C, from the origin, with θ1 and θ̇1 positively correlated (Fig. 2 a)."""
+    visited = visited_states(Config(), np.random.default_rng(1))
+    assert (np.abs(visited) <= HIGH).all()
+    starts = (visited == 0).all(axis=1)
+    assert starts[0]
+    assert starts.sum() == Config().choices.random_rollouts
+    assert np.corrcoef(visited[:, 0], visited[:, 3])[0, 1] > 0.2
+
+
+def test_rollouts_of_the_random_policy_hold_each_torque() -> None:
+    config = Config().with_values(random_rollouts=20)
+    visited, c = visited_states(config, np.random.default_rng(2)), config.choices
+    hold, pieces = round(c.random_hold / c.control_period), round(c.random_length / c.random_hold)
+    limit = config.paper.torque_limit
+    torques = np.random.default_rng(2).uniform(-limit, limit, (20, pieces, 3))
+    coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
+    expected = []
+    for held in torques:
+        state, outcome = (0.0,) * 6, 0
+        for u in itertools.chain.from_iterable([tuple(u)] * hold for u in held):
+            if outcome or (np.abs(state) > HIGH).any():
+                break
+            expected.append(state)
+            state, outcome = hold_torque(coefficients, limits, state, u)
+    np.testing.assert_array_equal(visited, expected)
+    out = np.empty((20 * hold * pieces, 6))
+    n = _random_rollouts.py_func(coefficients, limits, HIGH, torques, hold, out)
+    np.testing.assert_allclose(out[:n], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [0, 0.5, 1])
+def test_training_data_are_what_their_parts_say(alpha: float, small_config: Config) -> None:
+    data = generate(alpha, small_config, seed=3)
+    k = small_config.paper.k
+    assert data.x.shape == (k, 6)
+    assert data.n_ud == round(alpha * k)
+    assert (np.abs(data.x[: data.n_ud]) <= HIGH).all()
+    assert set(data.z) == {0, 1}
+    np.testing.assert_array_equal(data.z, ClosedLoop.from_config(small_config).predict(data.x))
+    spread = np.sqrt(np.diag(data.mnd.covariance))
+    if data.n_ud < k:
+        distance = np.abs(data.x[data.n_ud :].mean(axis=0) - data.mnd.mean)
+        assert (distance < 5 * spread / np.sqrt(k - data.n_ud)).all()
+
+
+def test_the_mnd_is_fitted_to_the_visited_states_whatever_alpha(
+    small_config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = generate(0.0, small_config, seed=4), generate(1.0, small_config, seed=4)
+    np.testing.assert_array_equal(first.mnd.mean, second.mnd.mean)
+    np.testing.assert_array_equal(first.mnd.covariance, second.mnd.covariance)
+    states = known_normal().sample(50, np.random.default_rng(0))
+    monkeypatch.setattr("srlrepro.samplers.visited_states", lambda config, rng: states)
+    mnd = generate(0.0, small_config, seed=4).mnd
+    np.testing.assert_allclose(mnd.mean, states.mean(axis=0))
+    np.testing.assert_allclose(mnd.covariance, np.cov(states.T))
+
+
+def test_a_seed_fixes_the_data(small_config: Config) -> None:
+    first, same, other = (generate(0.5, small_config, seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(first.x, same.x)
+    np.testing.assert_array_equal(first.z, same.z)
+    assert (first.x != other.x).all()
+
+
+def test_the_known_origin_comes_last_and_is_safe(small_config: Config) -> None:
+    data = generate(0.5, small_config, seed=0)
+    x, z = known_states(data, small_config.with_values(known_origin=True))
+    np.testing.assert_array_equal(x[:-1], data.x)
+    np.testing.assert_array_equal(z[:-1], data.z)
+    assert (x[-1] == 0).all()
+    assert z[-1] == 1
+    x, z = known_states(data, small_config.with_values(known_origin=False))
+    np.testing.assert_array_equal(x, data.x)
+    np.testing.assert_array_equal(z, data.z)
+
+
+def test_saved_data_come_back(small_config: Config, tmp_path: Path) -> None:
+    data = generate(1 / 3, small_config, seed=0)
+    data.save(tmp_path / "data.npz")
+    back = TrainingData.load(tmp_path / "data.npz")
+    for name in ("x", "z", "n_ud"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(data, name))
+    np.testing.assert_array_equal(back.mnd.mean, data.mnd.mean)
+    np.testing.assert_array_equal(back.mnd.covariance, data.mnd.covariance)
+    write_arrays(tmp_path / "other.npz", "another-format", x=data.x)
+    with pytest.raises(ResultError, match=r"other\.npz"):
+        TrainingData.load(tmp_path / "other.npz")

@@ -1,0 +1,85 @@
+"""Snakemake under the driver: options, progress, planned jobs. The workflow itself is what `--quick` runs."""
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from plans import planned
+
+from srlrepro.storage.files import ResultError
+from workflow import engine as workflow
+from workflow.command_line import CORES
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_no_progress_is_told_where_nothing_was_done() -> None:
+    assert not workflow.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
+
+
+def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = io.StringIO(
+        "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
+    )
+    log = io.StringIO()
+    assert workflow.follow(lines, log)
+    out = capsys.readouterr().out
+    assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
+
+
+def test_jobs_run_here_or_on_slurm() -> None:
+    assert workflow.engine(False, 3) == ["--cores", "3"]
+    assert workflow.engine(False, None) == ["--cores", str(CORES)]
+    assert workflow.engine(True, None) == ["--profile", str(workflow.PROFILE)]
+    assert workflow.engine(True, 7)[2:] == ["--jobs", "7"]
+    assert (workflow.PROFILE / "config.yaml").exists()
+
+
+@pytest.mark.slow
+def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None:
+    """36 runs, three notebooks for each of 3 datasets, nine others, and the target."""
+    path = tmp_path / "workflow.json"
+    path.write_text(json.dumps(planned("--name", "nowhere", "--seeds", "3", "--steps", "64")))
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--dry-run",
+        "--nolock",
+        "--cores",
+        "2",
+        "--configfile",
+        str(path),
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
+    assert done.returncode == 0, done.stderr
+    assert counts["training_run"] == "36" and counts["total"] == "55"
+    assert not (ROOT / "results" / "nowhere").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("study", "jobs"), [("multiverse", 96), ("hypotheses", 9)])
+def test_a_study_is_one_job_per_universe(study: str, jobs: int, tmp_path: Path) -> None:
+    path = tmp_path / "workflow.json"
+    path.write_text(json.dumps(planned(f"--{study}") | {"name": "nowhere"}))
+    command = ["snakemake", study, "--dry-run", "--nolock", "--cores", "2", "--configfile", str(path)]
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
+    assert done.returncode == 0, done.stderr
+    assert int(counts["total"]) == jobs and int(counts["universe"]) == jobs - 1
+
+
+def test_documents_that_cannot_be_rendered_fail_the_run_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(name: str) -> None:
+        raise ResultError(f"missing result {name}")
+
+    assert workflow.tell("quick") == 0 and capsys.readouterr().out == ""
+    monkeypatch.setattr("replication.report.refresh", missing)
+    assert workflow.tell("full") == 1
+    assert capsys.readouterr().err.endswith("missing result full\n")

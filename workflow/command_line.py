@@ -1,0 +1,91 @@
+"""The command line of ``reproduce.sh``, as far as it can be read before anything is installed.
+
+Only the standard library is used here: a command line of the wrong form is refused before ``.venv`` exists.
+What the values mean is checked in `plan`, which needs the package.
+"""
+
+import argparse
+import os
+from typing import NamedTuple, NoReturn
+
+ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
+CORES = os.cpu_count() or 1
+LIMIT, LONGEST = 12.0, 8766.0  # h for one cell of a notebook: what the longest job on Slurm has; a year
+LIMIT_VARIABLE = "SRLREPRO_LIMIT"  # in which the driver hands the limit to its jobs
+
+
+class Study(NamedTuple):
+    """A study beside the paper's grid: its mismatches Δ, seeds per condition, and steps of a run."""
+
+    text: str
+    deltas: list[float]
+    seeds: int
+    steps: int
+
+
+# Both take the two ends of Δ. A step takes about 0.1 ms of a core. 95 universes of 8 runs of 150 000 steps,
+# and a minute for the kernel, the regions and the labels of each, take four and a half hours of a core. By
+# then most activations of K have occurred. 114 runs of 500 000 steps, and 12 under the two hypotheses that
+# simulate K in every step, which take five times as long, are two and a half hours of a core.
+STUDIES = {
+    "multiverse": Study("vary what the paper leaves open, in many short runs", [1.1, 4.0], 1, 150_000),
+    "hypotheses": Study("compare hypotheses behind the supervisor", [1.1, 4.0], 3, 500_000),
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses a wrong command line with one line and exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and leave."""
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
+
+
+def add_limit(parser: argparse.ArgumentParser) -> None:
+    """Give a command line the option that ends what hangs."""
+    parser.add_argument(
+        "--limit",
+        type=float,
+        default=os.environ.get(LIMIT_VARIABLE, str(LIMIT)),
+        metavar="H",
+        help=f"hours for one cell of a notebook, after which its kernel is ended (default: {LIMIT:g})",
+    )
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The command line of ``reproduce.sh``."""
+    parser = Parser(
+        prog="reproduce.sh",
+        allow_abbrev=False,
+        description="Regenerate every figure of the paper. What is up to date is not run again.",
+        epilog="./reproduce.sh test [PYTEST OPTIONS] runs the tests instead; "
+        "./reproduce.sh site writes README, REPORT and executed notebooks as pages to site/.",
+    )
+    add = parser.add_argument
+    add("--quick", action="store_true", help="the same grid with few training steps (minutes, not hours)")
+    studies = parser.add_mutually_exclusive_group()
+    for name, study in STUDIES.items():
+        text = f"instead of the grid: {study.text}"
+        studies.add_argument(
+            f"--{name}", dest="study", action="store_const", const=name, default="", help=text
+        )
+    text = "shares of UD in [0, 1], or none for no supervisor (default: %(default)s)"
+    add("--alphas", nargs="+", default=ALPHAS, metavar="A", help=text)
+    text = "mass mismatches Δ > 0 (default: %(default)s)"
+    add("--deltas", nargs="+", type=float, default=DELTAS, metavar="D", help=text)
+    text = "number of seeds (default: %(default)s)"
+    add("--seeds", type=int, default=SEEDS, metavar="N", help=text)
+    text = "training steps of a run (default: total_steps, or quick_steps with --quick)"
+    add("--steps", type=int, metavar="N", help=text)
+    text = "vary any parameter; python -m srlrepro choices lists them"
+    add("--set", dest="settings", action="extend", nargs="+", default=[], metavar="NAME=VALUE", help=text)
+    text = "only the notebook that draws this figure, and what it needs (docs/figures.toml lists the figures)"
+    add("--only", metavar="FIGURE", help=text)
+    text = "folder name of the results (default: full, quick or the study, with what differs from these)"
+    add("--name", help=text)
+    text = f"jobs at a time (default: all cores, {CORES}; with --slurm, as many as its profile says)"
+    add("--cores", type=int, metavar="N", help=text)
+    add("--slurm", action="store_true", help="run the jobs on Slurm, as workflow/profiles/slurm says")
+    add_limit(parser)
+    add("--dry-run", action="store_true", help="say what would be run; nothing is run or written")
+    return parser

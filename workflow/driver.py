@@ -1,0 +1,128 @@
+"""The driver behind ``reproduce.sh``: command line, set-up of ``.venv``, then the workflow, tests or site.
+
+Up to the set-up only the standard library is used: a command line of the wrong form is refused, in one line,
+before anything is written. The driver then starts itself again with the Python of ``.venv``, which checks the
+values.
+"""
+
+import argparse
+import fcntl
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+import venv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO
+
+from workflow import ROOT
+from workflow.command_line import make_parser
+
+VENV = ROOT / ".venv"
+THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+
+
+def set_up(names: list[str]) -> None:
+    """Make ``.venv`` and install these requirements, unless that has been done with the same ones."""
+    for name in names:
+        sources = [ROOT / name, ROOT / "constraints.txt", ROOT / "pyproject.toml"]
+        wanted = hashlib.sha256(b"".join(s.read_bytes() for s in sources) + sys.version.encode()).hexdigest()
+        stamp = VENV / f"{name}.sha256"
+        if stamp.exists() and stamp.read_text() == wanted:
+            continue
+        print(f"Installing {name} into .venv (some minutes, once) …", flush=True)
+        if not (VENV / "bin" / "python").exists():
+            venv.create(VENV, with_pip=True)
+        command = [str(VENV / "bin" / "python"), "-m", "pip", "install", "--quiet", "-r", name]
+        started = time.monotonic()
+        if subprocess.run([*command, "--disable-pip-version-check"], cwd=ROOT).returncode:
+            sys.exit(f"reproduce.sh: pip could not install {name}; its message stands above")
+        stamp.write_text(wanted)
+        print(f"Installed in {(time.monotonic() - started) / 60:.1f} min", flush=True)
+
+
+@contextmanager
+def only_one() -> Iterator[IO[str]]:
+    """Hold the lock of this checkout; a second driver leaves at once.
+
+    Who is given the file shares the lock. The system releases it when all of them have ended, however.
+    """
+    (ROOT / "results").mkdir(exist_ok=True)
+    with (ROOT / "results" / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            sys.exit("reproduce.sh: another ./reproduce.sh is running in this folder, or coming to its end")
+        yield file
+
+
+def environment() -> dict[str, str]:
+    """The variables under which everything runs: one thread a process, and nothing of the user's own."""
+    return os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
+
+
+def run_tests(options: list[str]) -> int:
+    """Lint, types and tests; returns the first exit status that is not zero."""
+    from srlrepro.storage.files import write_json
+    from workflow.engine import machine
+
+    started = time.monotonic()
+    checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
+    checks.append(["pytest", "-n", str(min(2, os.cpu_count() or 1)), "--dist", "worksteal", *options])
+    results = [
+        subprocess.run([sys.executable, "-m", *c], cwd=ROOT, env=environment()).returncode for c in checks
+    ]
+    minutes = (time.monotonic() - started) / 60
+    if not any(results) and not options:
+        write_json(ROOT / "results" / "test_time.json", {"minutes": round(minutes, 1), **machine()})
+    return next((status for status in results if status), 0)
+
+
+def make_site() -> int:
+    """Write README, REPORT and executed notebooks as pages; returns the exit status."""
+    command = [sys.executable, "-m", "sphinx", "-c", "docs", "-b", "html", "-q", "-W", "--keep-going"]
+    status = subprocess.run([*command, ".", "site"], cwd=ROOT, env=environment()).returncode
+    print("Done: site/index.html" if status == 0 else "reproduce.sh: the site was not made; see above")
+    return status
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command line; returns the exit status."""
+    test, site = arguments[:1] == ["test"], arguments == ["site"]
+    parser, options = make_parser(), argparse.Namespace(slurm=False)
+    if not test and not site:
+        options = parser.parse_args(arguments)
+    if sys.prefix != str(VENV):
+        wanted = "test" if test else "site" if site else "slurm" if options.slurm else ""
+        set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
+        python = str(VENV / "bin" / "python")
+        os.execv(python, [python, "-m", "workflow.driver", *arguments])
+    from srlrepro.settings.fields import ParameterError
+    from srlrepro.storage.files import ResultError
+    from workflow.engine import run_workflow
+    from workflow.plan import plan
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, which `nohup … &` lets nobody hear
+    try:
+        config = plan(options) if not test and not site else {}
+        with only_one() as lock:
+            if site:
+                return make_site()
+            if test:
+                return run_tests(arguments[1:])
+            return run_workflow(config, options, environment(), lock)
+    except ParameterError as error:
+        parser.error(str(error))
+    except ResultError as error:
+        message = str(error)
+    except OSError as error:
+        message = f"cannot write {error.filename or 'results'}: {error.strerror}"
+    print(f"reproduce.sh: {message}", file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

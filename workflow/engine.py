@@ -1,0 +1,191 @@
+"""The workflow under its driver: how Snakemake is called, followed and ended, and what is noted after it."""
+
+import argparse
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import IO, Any, NamedTuple, NoReturn
+
+from tqdm import tqdm
+
+from srlrepro.storage.files import ResultError, read_json, remove_unfinished, write_json
+from srlrepro.storage.provenance import processor
+from workflow import ROOT
+from workflow.command_line import CORES, LIMIT_VARIABLE
+from workflow.notebooks import require_undamaged
+
+PROFILE = ROOT / "workflow" / "profiles" / "slurm"
+DONE = re.compile(r"^(\d+) of (\d+) steps \(")
+INTERRUPTED = 130  # exit status after Ctrl-C
+REPORT_EVERY = 30.0  # s between two progress lines where there is no terminal
+
+
+def machine() -> dict[str, Any]:
+    """Where a time was measured."""
+    return {"processor": processor(), "processor_cores": os.cpu_count()}
+
+
+def add_time(file: Path, minutes: float, **run: Any) -> dict[str, Any]:
+    """Keep, in a file beside results, the time that they took over all sittings in which a job was done."""
+    before = read_json(file) if file.exists() else {"minutes": 0.0, "sittings": 0}
+    timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before["sittings"] + 1}
+    timing |= run | machine()
+    write_json(file, timing)
+    return timing
+
+
+def spent(folder: Path, seeds: list[int] | None = None) -> dict[str, Any]:
+    """What the finished trainings (of some seeds) below a folder took: number, core hours, largest memory."""
+    found = [read_json(path) for path in folder.rglob("run.json")]
+    costs = [result["provenance"] for result in found if seeds is None or result["run"]["seed"] in seeds]
+    return {
+        "trainings": len(costs),
+        "core_hours": round(sum(cost["seconds"] for cost in costs) / 3600, 2),
+        "peak_memory_mb": max((cost["peak_memory_mb"] for cost in costs), default=0),
+    }
+
+
+class Ended(NamedTuple):
+    """How Snakemake came to its end: its exit status, whether a job was done, whether it was interrupted."""
+
+    status: int
+    worked: bool
+    interrupted: bool
+
+
+def follow(lines: IO[str], log: IO[str]) -> bool:
+    """Copy Snakemake's output to the log, show one progress with the time left; True if a job was done."""
+    bar: tqdm[NoReturn] | None = None
+    started = reported = time.monotonic()
+    for line in lines:
+        log.write(line)
+        log.flush()
+        if line.startswith("Error in rule"):
+            tqdm.write(line.strip().rstrip(":"))
+        match = DONE.match(line)
+        if match is None:
+            continue
+        done, total = int(match[1]), int(match[2])
+        bar = bar or tqdm(total=total, unit="job", desc="replication", disable=None)
+        bar.update(done - bar.n)
+        now = time.monotonic()
+        if bar.disable and (now - reported > REPORT_EVERY or done == total):
+            bar.n, reported = done, now
+            left = (now - started) / done * (total - done)
+            print(
+                f"{done} of {total} jobs, {(now - started) / 60:.1f} min, about {left / 60:.1f} min left",
+                flush=True,
+            )
+    if bar is not None:
+        bar.close()
+    return bar is not None
+
+
+def engine(slurm: bool, cores: int | None) -> list[str]:
+    """Options of Snakemake: run jobs on so many cores here, or so many at a time on Slurm."""
+    if not slurm:
+        return ["--cores", str(cores or CORES)]
+    return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
+
+
+def supervise(command: list[str], environment: dict[str, str], log: Path, lock: IO[str]) -> Ended:
+    """Run a command to its end, or until Ctrl-C or SIGTERM; whatever it started ends with this process.
+
+    Args:
+        log: what the command says goes there.
+        lock: held until the last job has ended, even if this process is killed.
+    """
+    with log.open("w") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "workflow.lifeline", *command],
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            pass_fds=[lock.fileno()],
+        )
+        assert process.stdin is not None and process.stdout is not None
+        try:
+            worked, interrupted = follow(process.stdout, file), False
+        except KeyboardInterrupt:
+            worked = interrupted = True
+            print("reproduce.sh: stopping …", flush=True)
+        finally:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)  # it ends soon
+            process.stdin.close()
+            process.stdout.read()  # to its end: then no job is left
+            status = process.wait()
+    return Ended(status, worked, interrupted)
+
+
+def note_time(config: dict[str, Any], options: argparse.Namespace, minutes: float) -> None:
+    """Add the minutes of a sitting to those of the results, and show them beside the figures."""
+    place = {"cores": "Slurm" if options.slurm else options.cores or CORES, "steps": config["steps"]}
+    timing = add_time(ROOT / "results" / config["name"] / "run_time.json", minutes, **place)
+    timing |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
+    write_json(ROOT / "figures" / config["name"] / "run_time.json", timing)
+
+
+def tell(name: str) -> int:
+    """Render the documents that tell of these results; returns the exit status."""
+    from replication.report import refresh  # reads what the run has written, and takes a second to import
+
+    try:
+        for document in refresh(name):
+            print(f"Rendered anew: {document}")
+    except ResultError as error:
+        print(f"reproduce.sh: verdict and report are not up to date: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def run_workflow(
+    config: dict[str, Any], options: argparse.Namespace, environment: dict[str, str], lock: IO[str]
+) -> int:
+    """Run Snakemake, whose jobs end with this driver, and return its exit status.
+
+    Args:
+        config: of `plan`; ``options``: the command line; ``environment``: of Snakemake and its jobs.
+        lock: held until the last job has ended, even if this driver is killed.
+
+    Raises:
+        ResultError: a result was damaged.
+    """
+    name, folder = config["name"], ROOT / "results" / config["name"]
+    values = folder / "workflow.json"
+    write_json(values, config)
+    command = [sys.executable, "-m", "snakemake", config["study"] or "all"]
+    command += [*engine(options.slurm, options.cores), "--configfile", str(values)]
+    command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
+    environment = environment | {LIMIT_VARIABLE: str(options.limit)}
+    if options.dry_run:
+        command += ["--dry-run", "--quiet", "rules", "reason"]
+        return subprocess.run(command, cwd=ROOT, env=environment).returncode
+    for made in ("results", "figures", "notebooks/executed"):
+        remove_unfinished(ROOT / made)
+    require_undamaged([ROOT / "notebooks" / "executed" / config[key] for key in ("name", "cells")], ROOT)
+    font_cache = [sys.executable, "-c", "import matplotlib.pyplot"]
+    subprocess.run(font_cache, env=environment, check=True)
+    started = time.monotonic()
+    ended = supervise(command, environment, folder / "snakemake.log", lock)
+    minutes = (time.monotonic() - started) / 60
+    if ended.worked:
+        note_time(config, options, minutes)
+    if ended.interrupted:
+        print("reproduce.sh: stopped. Start again to go on.")
+        return INTERRUPTED
+    if ended.status:
+        log = f"results/{name}/snakemake.log"
+        print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log} says which. Start again to go on.")
+        return ended.status
+    write_json(ROOT / "figures" / name / "workflow.json", config)
+    print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
+    return tell(name)

@@ -1,0 +1,252 @@
+"""Executing a parameterised notebook so that "executed" can be trusted.
+
+papermill runs the notebook; around it: parameters are checked by name and type before the launch, the
+output is written beside and renamed, and a notebook counts as executed only if papermill returned, every
+code cell ran, and every result file that the notebook promises is new.
+"""
+
+import ast
+import json
+import logging
+import math
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+
+from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError, check, one_line
+from srlrepro.storage.files import (
+    ResultError,
+    beside,
+    existing,
+    read_json,
+    require_writable,
+    sha256,
+    write_json,
+)
+from srlrepro.storage.provenance import provenance
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+# nbformat's validator imports this grammar of IRIs, which takes two seconds and which no notebook needs;
+# a None makes the import fail, and the validator goes on without.
+sys.modules.setdefault("rfc3987_syntax", cast(ModuleType, None))
+
+SETTINGS = "SETTINGS"
+NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
+COMPARED = "# NBVAL_CHECK_OUTPUT"
+INJECTED = "injected-parameters"  # papermill's tag
+WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
+
+
+def parameters_of(notebook: Path, tag: str = "parameters") -> dict[str, Any]:
+    """{name: value} that the notebook's one cell with a tag assigns; read, not executed.
+
+    Raises:
+        ResultError: no such notebook, not exactly one such cell, or one that assigns more than plain values.
+    """
+    found = read_json(notebook)
+    try:
+        sources = [
+            "".join(cell["source"]) for cell in found["cells"] if tag in cell["metadata"].get("tags", [])
+        ]
+        assigned = [node for node in ast.parse("\n".join(sources)).body if isinstance(node, ast.Assign)]
+        values = {ast.unparse(node.targets[0]): ast.literal_eval(node.value) for node in assigned}
+    except (
+        LookupError,
+        TypeError,
+        AttributeError,
+        ValueError,
+        SyntaxError,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        raise ResultError(f"{notebook} is not a notebook, or its cell tagged {tag!r} computes") from error
+    if len(sources) != 1:
+        raise ResultError(f"{notebook} has {len(sources)} cells tagged {tag!r} instead of one")
+    return values
+
+
+def _fits(value: Any, default: Any) -> bool:
+    """Whether a value has the type of a default, and the parts of a list that of the default's first part."""
+    if isinstance(default, list):
+        return isinstance(value, list) and all(_fits(part, first) for part in value for first in default[:1])
+    kinds = (int, float) if isinstance(default, float) else type(default)
+    return isinstance(value, kinds) and isinstance(value, bool) == isinstance(default, bool)
+
+
+def _texts(value: Any) -> list[Any]:
+    """A value, or what a list or a table holds."""
+    return list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]
+
+
+def check_parameters(notebook: Path, given: Any) -> None:
+    """See that every given parameter is one of the notebook's and has the type of its default.
+
+    Those that set the configuration (`SETTINGS`) are tried on it; those that name a folder (`NAMES`), or
+    several, must not lead out of it.
+
+    Raises:
+        ParameterError: no table, an unknown name, another type, or a value that is not allowed.
+    """
+    defaults = parameters_of(notebook)
+    check(isinstance(given, dict), "--parameters", given, "a table {NAME: value}")
+    try:
+        json.dumps(given, ensure_ascii=False, allow_nan=False).encode()
+    except ValueError as error:  # half a surrogate pair, or a number that is none
+        raise ParameterError(f"--parameters = {one_line(given)}: must be JSON in UTF-8 ({error})") from None
+    for name, value in given.items():
+        check(
+            name in defaults, name, value, f"one of the parameters of {notebook.name}: {', '.join(defaults)}"
+        )
+        kind = f"a {type(defaults[name]).__name__} such as {one_line(repr(defaults[name]))}"
+        check(_fits(value, defaults[name]), name, repr(value), f"{kind}, as in {notebook.name}")
+        if name == SETTINGS:
+            Config().with_values(**value)
+        if name in NAMES:
+            for folder in _texts(value):
+                inside = (
+                    isinstance(folder, str) and folder not in ("", ".", "..") and not set(folder) & {*"/\0"}
+                )
+                check(inside, name, folder, "the name of a folder, without /")
+
+
+def execute(
+    notebook: Path,
+    output: Path,
+    parameters: dict[str, Any],
+    results: Iterable[Path] = (),
+    limit: float | None = None,
+) -> None:
+    """Execute a notebook in its own folder and write the executed copy, and beside it (.json) what made it.
+
+    Args:
+        notebook, output: the source and the executed notebook (.ipynb), which is another file.
+        parameters: values for the cell tagged ``parameters``; paths among them relative to the notebook.
+        results: files that the notebook writes; each must be new.
+        limit: s for one cell, after which its kernel is killed; None: it may take for ever.
+
+    Raises:
+        ParameterError: an unknown parameter, or one of another type.
+        ResultError: a cell failed, did not run or reached the limit, its kernel died, or a result is missing.
+    """
+    import nbformat
+    import papermill
+    from nbclient.exceptions import CellTimeoutError
+    from traitlets.config import Config as TraitletsConfig
+
+    logging.getLogger("papermill").setLevel(logging.WARNING)
+    check_parameters(notebook, parameters)
+    other = output.suffix == ".ipynb" and output.resolve() != notebook.resolve()
+    check(other, "output", output, "another file than the notebook, with the suffix .ipynb")
+    require_writable(output.parent)
+    results, record = list(results), output.with_suffix(".json")
+    record.unlink(missing_ok=True)
+    before, started = [_written(path) for path in results], time.monotonic()
+    with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
+        os.environ.update(dict.fromkeys(THREADS, "1"))
+        os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
+        transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
+        try:
+            papermill.execute_notebook(
+                notebook,
+                temporary,
+                parameters,
+                cwd=notebook.parent,
+                kernel_name="python3",
+                progress_bar=False,
+                execution_timeout=None if limit is None else math.ceil(limit),
+                shutdown_kernel="immediate",  # at its end all is written, and a busy one listens to nobody
+                config=TraitletsConfig({"KernelManager": transport}),
+            )
+        except papermill.PapermillExecutionError as error:
+            failed = f"{error.ename}: {error.evalue}".splitlines()[0]
+            raise ResultError(f"{notebook.name}, cell {error.cell_index}: {failed}") from error
+        except (RuntimeError, CellTimeoutError) as error:  # the former of kernels that die
+            raise ResultError(f"{notebook.name}: {str(error).splitlines()[0]}") from error
+        executed = nbformat.read(temporary, as_version=4)
+        ran = [
+            cell.execution_count
+            for cell in executed.cells
+            if cell.cell_type == "code" and cell.source.strip()
+        ]
+        if None in ran:
+            raise ResultError(f"{notebook.name}: {ran.count(None)} of {len(ran)} code cells never ran")
+        for path, old in zip(results, before, strict=True):
+            if _written(existing(path)) == old:
+                raise ResultError(f"{notebook.name} left an old {path} in place")
+        forget_machine(executed)
+        nbformat.write(executed, temporary)
+        made = provenance(time.monotonic() - started, resource.RUSAGE_CHILDREN)
+        digests = {str(path): sha256(path) for path in results if path.suffix in WITHOUT_CHECKSUM}
+        write_json(record, {"parameters": parameters} | made | {"sha256": digests})
+
+
+def _written(path: Path) -> tuple[int, int] | None:
+    """What changes when a file is written, by whatever clock; None if there is no file."""
+    if not path.exists():
+        return None
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
+
+
+def require_undamaged(folders: Iterable[Path], root: Path) -> None:
+    """See that the results of all executed notebooks below folders are as these wrote them.
+
+    A result that is missing is no damage: the workflow makes it again. Nor are those looked at whose notebook
+    has not been executed to its end, or whose record holds no digests.
+
+    Args:
+        root: the folder from which the paths of results start.
+
+    Raises:
+        ResultError: a result has another content, or a record is damaged itself.
+    """
+    found = {}
+    for notebook in (path for folder in folders for path in sorted(folder.rglob("*.ipynb"))):
+        record = notebook.with_suffix(".json")
+        digests = read_json(record).get("sha256", {}) if record.exists() else {}
+        for name, digest in digests.items():
+            if (root / name).exists() and sha256(root / name) != digest:
+                found[name] = notebook.name
+    if found:
+        name, writer = next(iter(found.items()))
+        others = f" (and {len(found) - 1} others)" if len(found) > 1 else ""
+        raise ResultError(f"{name}{others} is not as {writer} wrote it: delete it to have it made again")
+
+
+def forget_machine(notebook: Any) -> None:
+    """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
+    notebook.metadata.pop("papermill", None)
+    for cell in notebook.cells:
+        cell.metadata.pop("papermill", None)
+        cell.metadata.pop("execution", None)
+        cell.pop("id", None)
+    notebook.nbformat_minor = 4  # the last format without cell ids, which papermill draws at random
+
+
+def snapshot(notebook: Path) -> None:
+    """Execute a source notebook with its own (smoke) parameters, and keep the outputs that its test compares.
+
+    Those are the outputs of the cells that start with nbval's mark; a change of a result is then a change
+    of the source notebook, to be looked at and committed.
+    """
+    import nbformat
+
+    with tempfile.TemporaryDirectory() as folder:
+        executed = Path(folder, notebook.name)
+        execute(notebook, executed, {})
+        result = nbformat.read(executed, as_version=4)
+    result.cells = [c for c in result.cells if INJECTED not in c.metadata.get("tags", [])]
+    for cell in result.cells:
+        if cell.cell_type == "code":
+            kept = cell.source.startswith(COMPARED)
+            cell.execution_count = cell.execution_count if kept else None  # nbval skips cells that never ran
+            cell.outputs = [o for o in cell.outputs if kept and o.output_type == "stream"]
+    with beside(notebook) as temporary:
+        nbformat.write(result, temporary)

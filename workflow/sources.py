@@ -1,0 +1,62 @@
+"""What a notebook or a module is made of: the files of the project that it imports, directly or not.
+
+The rules of the workflow name these files as their inputs, so that no list of modules is kept by hand. The
+files are read, not run: the import statements anywhere in a file count, those within functions too.
+"""
+
+import ast
+from functools import cache
+from pathlib import Path
+
+from srlrepro import PUBLIC
+from srlrepro.storage.files import read_json
+from workflow import ROOT
+
+HOUSES = ("srlrepro", "replication", "workflow")
+# It holds values and the reasons for them alone. A rule has the values among its parameters, so that a
+# reason in better words trains nothing.
+WITHOUT = ("srlrepro/settings/choices.py",)
+
+
+def _imported(code: str) -> set[str]:
+    """Dotted names that a text of Python imports; ``from a import b`` gives a and a.b."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            lazy = (
+                {PUBLIC.get(alias.name, "") for alias in node.names} if node.module == "srlrepro" else set()
+            )
+            found |= {node.module, *names, *lazy}
+    return found
+
+
+def _file(name: str) -> Path | None:
+    """The file of a module of the project; None of any other name."""
+    if name.split(".")[0] not in HOUSES:
+        return None
+    path = ROOT.joinpath(*name.split("."))
+    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+
+
+def _code(path: Path) -> str:
+    if path.suffix != ".ipynb":
+        return path.read_text(encoding="utf-8")
+    cells = read_json(path)["cells"]
+    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+
+
+@cache
+def closure(start: str) -> list[str]:
+    """The file ``start`` and the files of the project that it imports, as paths from the checkout, in order."""
+    found: set[Path] = set()
+    waiting = [ROOT / start]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            names = _imported(_code(path))
+            waiting += [file for name in names if (file := _file(name)) is not None]
+    return [name for path in sorted(found) if (name := path.relative_to(ROOT).as_posix()) not in WITHOUT]
