@@ -1,0 +1,82 @@
+"""A condition of the paper's experiment: α (or no supervisor) × Δ × seed, and how it is written."""
+
+import math
+from dataclasses import dataclass
+
+from srlrepro.settings.fields import ParameterError, check, one_line
+
+NONE = "none"  # the text of α where there is no supervisor
+
+
+def alpha_text(alpha: float | None) -> str:
+    """The text of α in names, tables and legends: "0", "0.5", …, or "none" for no supervisor."""
+    return NONE if alpha is None else f"{alpha:g}"
+
+
+def parse_alpha(text: str, name: str = "alpha") -> float | None:
+    """α of its text; None for "none".
+
+    Raises:
+        ParameterError: the text is neither a number in [0, 1] nor "none"; ``name`` names it there.
+    """
+    if text == NONE:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    check(0 <= value <= 1, name, text, "a number in [0, 1], or none")
+    return abs(value)  # -0 is 0
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One cell of the grid.
+
+    Attributes:
+        alpha: share of UD in the training data of the region; None: no supervisor.
+        delta: mass mismatch Δ > 0 of the real system.
+        seed: of the learner.
+
+    Raises:
+        ParameterError: one of them is not allowed.
+    """
+
+    alpha: float | None
+    delta: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        check(self.alpha is None or 0 <= self.alpha <= 1, "alpha", self.alpha, "a number in [0, 1], or none")
+        check(0 < self.delta < math.inf, "delta", self.delta, "a finite number > 0")
+        whole = isinstance(self.seed, int) and self.seed >= 0
+        check(whole, "seed", self.seed, "a whole number in [0, inf)")
+
+    @property
+    def alpha_text(self) -> str:
+        """The text of α."""
+        return alpha_text(self.alpha)
+
+    @property
+    def name(self) -> str:
+        """Names the folder and the files of the condition."""
+        return f"alpha_{self.alpha_text}__delta_{self.delta:g}__seed_{self.seed}"
+
+    @classmethod
+    def parse(cls, name: str) -> "Condition":
+        """The condition of a `name`.
+
+        Raises:
+            ParameterError: it is no such name.
+        """
+        parts = [part.partition("_") for part in name.split("__")]
+        if [key for key, _, _ in parts] != ["alpha", "delta", "seed"]:
+            raise ParameterError(
+                f"condition = {one_line(name)}: must be such as alpha_0.5__delta_1.1__seed_0"
+            )
+        try:
+            found = cls(parse_alpha(parts[0][2]), float(parts[1][2]), int(parts[2][2]))
+        except ValueError as error:
+            raise ParameterError(f"condition = {one_line(name)}: {error}") from error
+        check(found.name == name, "condition", name, f"written in the shortest way, {found.name}")
+        return found
