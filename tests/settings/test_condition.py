@@ -17,11 +17,19 @@ def test_a_condition_is_read_back_from_its_name(condition: Condition) -> None:
     assert parse_alpha(condition.alpha_text) == condition.alpha == parse_alpha(alpha_text(condition.alpha))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["", "alpha_0", "alpha_2__delta_1__seed_0", "alpha_0__delta_0__seed_0", "alpha_0__delta_1.10__seed_0"]
-    + ["alpha_none__delta_1__seed_-1", "alpha_x__delta_1__seed_0", "delta_1__alpha_0__seed_0"],
+NO_NAMES = (
+    "",
+    "alpha_0",
+    "alpha_2__delta_1__seed_0",
+    "alpha_0__delta_0__seed_0",
+    "alpha_0__delta_1.10__seed_0",
+    "alpha_none__delta_1__seed_-1",
+    "alpha_x__delta_1__seed_0",
+    "delta_1__alpha_0__seed_0",
 )
+
+
+@pytest.mark.parametrize("name", NO_NAMES)
 def test_another_name_is_refused_in_one_line(name: str) -> None:
     with pytest.raises(ParameterError) as refusal:
         Condition.parse(name)
