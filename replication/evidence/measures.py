@@ -16,7 +16,8 @@ from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.samplers import MultivariateNormal, sample_mnd, sample_uniform
-from srlrepro.settings.config import Config, condition
+from srlrepro.settings.condition import alpha_text
+from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json, read_table, write_table
 
 TEST_STATES = 5000  # per distribution: the standard error of a share is at most 0.007
@@ -105,7 +106,7 @@ def read_runs(results: str | Path, names: Iterable[str]) -> tuple[pd.DataFrame, 
         folder = Path(results, "runs", name)
         result = read_json(folder / "run.json")
         run = result["run"]
-        cell = {"alpha": condition(run["alpha"]), "delta": run["delta"], "seed": run["seed"]}
+        cell = {"alpha": alpha_text(run["alpha"]), "delta": run["delta"], "seed": run["seed"]}
         curves.append(read_table(folder / "curve.csv", ("step", "mean_return")).assign(**cell))
         counts.append(cell | result["counts"] | {"steps": result["steps_done"]})
     return pd.concat(curves, ignore_index=True), pd.DataFrame(counts)

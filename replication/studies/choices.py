@@ -24,7 +24,8 @@ from srlrepro.samplers import (
     split,
     visited_states,
 )
-from srlrepro.settings.config import Config, condition
+from srlrepro.settings.condition import alpha_text
+from srlrepro.settings.config import Config
 
 FINE = 96  # substeps of the integration that labels are compared with
 EMBEDDING_CHOICES = ("known_origin", "label_gap", "perplexity")
@@ -106,7 +107,7 @@ def calibration(
             region = SafeRegion.from_config(varied, cell[1])
             region.fit_embedding(*known_states(data, varied), embeddings[key])
             brier = classification(region, tests[cell], labels[cell])["brier"]
-            scores.setdefault(f"α = {condition(cell[0])}", []).append(brier)
+            scores.setdefault(f"α = {alpha_text(cell[0])}", []).append(brier)
             origin.append(region.predict(np.zeros((1, 6)))[0])
         means = {name: float(np.mean(values)) for name, values in scores.items()}
         mean = float(np.mean(list(means.values())))

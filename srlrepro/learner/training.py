@@ -30,7 +30,8 @@ from srlrepro.learner.checkpoint import Progress, restore
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
-from srlrepro.settings.config import Config, condition
+from srlrepro.settings.condition import alpha_text
+from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
 from srlrepro.storage.files import beside, require_writable, write_arrays, write_json, write_table
 from srlrepro.storage.provenance import provenance
@@ -65,7 +66,7 @@ class Run:
     @property
     def name(self) -> str:
         """Names the run's folder and files."""
-        return f"alpha_{condition(self.alpha)}__delta_{self.delta:g}__seed_{self.seed}"
+        return f"alpha_{alpha_text(self.alpha)}__delta_{self.delta:g}__seed_{self.seed}"
 
 
 def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any, Any]:

@@ -18,7 +18,6 @@ __all__ = [
     "Paper",
     "ParameterError",
     "check",
-    "condition",
     "one_line",
     "parse_settings",
     "parse_value",
@@ -49,11 +48,6 @@ class Config:
     def as_dict(self) -> dict[str, Any]:
         """{name: value} of every field."""
         return asdict(self.paper) | asdict(self.choices)
-
-
-def condition(alpha: float | None) -> str:
-    """The text of α in names, tables and legends: "0", "0.5", …, or "none" for no supervisor."""
-    return "none" if alpha is None else f"{alpha:g}"
 
 
 def parse_value(name: str, text: str) -> Any:
