@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import IO, Any, NamedTuple, NoReturn
@@ -15,7 +16,7 @@ from tqdm import tqdm
 from srlrepro.storage.files import ResultError, read_json, remove_unfinished, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
-from workflow.command_line import CORES, LIMIT_VARIABLE
+from workflow.command_line import COMMAND_VARIABLE, CORES, LIMIT_VARIABLE
 from workflow.notebooks import require_undamaged
 
 PROFILE = ROOT / "workflow" / "profiles" / "slurm"
@@ -147,6 +148,14 @@ def tell(name: str) -> int:
     return 0
 
 
+def say_what_would_run(command: list[str], config: dict[str, Any], environment: dict[str, str]) -> int:
+    """Snakemake's dry run; nothing is written but a temporary file. Returns its exit status."""
+    with tempfile.TemporaryDirectory() as place:
+        write_json(file := Path(place, "workflow.json"), config)
+        options = [str(file), "--dry-run", "--quiet", "rules", "reason"]
+        return subprocess.run([*command, *options], cwd=ROOT, env=environment).returncode
+
+
 def run_workflow(
     config: dict[str, Any], options: argparse.Namespace, environment: dict[str, str], lock: IO[str]
 ) -> int:
@@ -160,18 +169,18 @@ def run_workflow(
         ResultError: a result was damaged.
     """
     name, folder = config["name"], ROOT / "results" / config["name"]
-    values = folder / "workflow.json"
-    write_json(values, config)
     command = [sys.executable, "-m", "snakemake", config["study"] or "all"]
-    command += [*engine(options.slurm, options.cores), "--configfile", str(values)]
-    command += ["--keep-going", "--rerun-incomplete", "--nolock", "--scheduler", "greedy"]
-    environment = environment | {LIMIT_VARIABLE: str(options.limit)}
+    command += [*engine(options.slurm, options.cores), "--keep-going", "--rerun-incomplete", "--nolock"]
+    command += ["--scheduler", "greedy", "--configfile"]
+    environment = environment | {LIMIT_VARIABLE: str(options.limit), COMMAND_VARIABLE: config["command"]}
     if options.dry_run:
-        command += ["--dry-run", "--quiet", "rules", "reason"]
-        return subprocess.run(command, cwd=ROOT, env=environment).returncode
+        return say_what_would_run(command, config, environment)
+    write_json(folder / "workflow.json", config)
+    command.append(str(folder / "workflow.json"))
     for made in ("results", "figures", "notebooks/executed"):
         remove_unfinished(ROOT / made)
-    require_undamaged([ROOT / "notebooks" / "executed" / config[key] for key in ("name", "cells")], ROOT)
+    executed = ROOT / "notebooks" / "executed"
+    require_undamaged([executed / config[key] for key in ("name", "look", "cells")], ROOT)
     font_cache = [sys.executable, "-c", "import matplotlib.pyplot"]
     subprocess.run(font_cache, env=environment, check=True)
     started = time.monotonic()
@@ -186,6 +195,10 @@ def run_workflow(
         log = f"results/{name}/snakemake.log"
         print(f"reproduce.sh: jobs failed ({minutes:.1f} min): {log} says which. Start again to go on.")
         return ended.status
-    write_json(ROOT / "figures" / name / "workflow.json", config)
+    if config["only"]:
+        print(f"Done in {minutes:.1f} min: notebook {config['only']}, figures in figures/{config['look']}/")
+        return 0
+    kept = {key: value for key, value in config.items() if key != "only"}
+    write_json(ROOT / "figures" / name / "workflow.json", kept)
     print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
     return tell(name)

@@ -14,7 +14,8 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
@@ -30,13 +31,13 @@ from srlrepro.storage.files import (
     sha256,
     write_json,
 )
-from srlrepro.storage.provenance import provenance
+from srlrepro.storage.provenance import MADE_BY, provenance
+from workflow.command_line import COMMAND_VARIABLE
+from workflow.sources import code_of
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-# nbformat's validator imports this grammar of IRIs, which takes two seconds and which no notebook needs;
-# a None makes the import fail, and the validator goes on without.
-sys.modules.setdefault("rfc3987_syntax", cast(ModuleType, None))
 
+IRI_GRAMMAR = "rfc3987_syntax"  # of IRIs: the validator takes two seconds to build it; no notebook holds one
 SETTINGS = "SETTINGS"
 NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
@@ -135,10 +136,11 @@ def execute(
         ParameterError: an unknown parameter, or one of another type.
         ResultError: a cell failed, did not run or reached the limit, its kernel died, or a result is missing.
     """
-    import nbformat
-    import papermill
-    from nbclient.exceptions import CellTimeoutError
-    from traitlets.config import Config as TraitletsConfig
+    with _without(IRI_GRAMMAR):
+        import nbformat
+        import papermill
+        from nbclient.exceptions import CellTimeoutError
+        from traitlets.config import Config as TraitletsConfig
 
     logging.getLogger("papermill").setLevel(logging.WARNING)
     check_parameters(notebook, parameters)
@@ -147,10 +149,13 @@ def execute(
     require_writable(output.parent)
     results, record = list(results), output.with_suffix(".json")
     record.unlink(missing_ok=True)
-    before, started = [_written(path) for path in results], time.monotonic()
+    before, started, code = [_written(path) for path in results], time.monotonic(), code_of(str(notebook))
+    made_by = {"notebook": notebook.name, "parameters": parameters, "code": code}
+    made_by["command"] = os.environ.get(COMMAND_VARIABLE, "")
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
         os.environ.update(dict.fromkeys(THREADS, "1"))
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
+        os.environ[MADE_BY] = json.dumps(made_by, ensure_ascii=False, sort_keys=True)
         transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
         try:
             papermill.execute_notebook(
@@ -182,9 +187,23 @@ def execute(
                 raise ResultError(f"{notebook.name} left an old {path} in place")
         forget_machine(executed)
         nbformat.write(executed, temporary)
-        made = provenance(time.monotonic() - started, resource.RUSAGE_CHILDREN)
+        made = provenance(time.monotonic() - started, resource.RUSAGE_CHILDREN, code)
         digests = {str(path): sha256(path) for path in results if path.suffix in WITHOUT_CHECKSUM}
         write_json(record, {"parameters": parameters} | made | {"sha256": digests})
+
+
+@contextmanager
+def _without(module: str) -> Iterator[None]:
+    """Let imports fail to find a module that is optional to them, for a while."""
+    before = sys.modules.get(module)
+    sys.modules[module] = cast(ModuleType, None)
+    try:
+        yield
+    finally:
+        if before is None:
+            del sys.modules[module]
+        else:
+            sys.modules[module] = before
 
 
 def _written(path: Path) -> tuple[int, int] | None:

@@ -17,7 +17,8 @@ import shlex
 import tomllib
 from typing import Any
 
-from srlrepro.settings.config import Config, condition, parse_settings
+from srlrepro.settings.condition import alpha_text
+from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import ParameterError, check, check_whole
 from srlrepro.storage.files import ResultError, read_json
 from workflow import ROOT
@@ -62,11 +63,11 @@ def parse_alpha(text: str) -> str:
     except ValueError:
         value = math.nan
     check(0 <= value <= 1, "--alphas", text, "numbers in [0, 1], or none")
-    return condition(abs(value))  # -0 is 0
+    return alpha_text(abs(value))  # -0 is 0
 
 
 def folder_name(parts: list[str]) -> str:
-    """A name that says its parts; where these are too long or no names of files, a digest tells them apart."""
+    """A name that says its parts; a digest tells apart what is too long, or no name of a file."""
     text = "__".join(parts)
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", text)
     if name == text and len(name) <= LONGEST_NAME:
@@ -129,10 +130,10 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     """The workflow's configuration for a command line.
 
     Returns:
-        name, look, cells: see the module. alphas, deltas, seeds, steps: of the grid. settings: what is varied.
-        values: of every parameter. note: what a figure must say of itself, "" of the full experiment. study,
-        few: whether it is one, and whether of few universes. only: the notebook asked for, or "". command: the
-        command line that gives this again.
+        A table. name, look, cells: see the module. alphas, deltas, seeds, steps: of the grid. settings: what
+        is varied; values: of every parameter. note: what a figure must say of itself, "" of the full experiment.
+        study: its name, or ""; few: whether it has few universes. command: the command line that gives this
+        plan again. only: the notebook asked for, or "".
 
     Raises:
         ParameterError: a value that is not allowed.

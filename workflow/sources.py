@@ -5,6 +5,7 @@ files are read, not run: the import statements anywhere in a file count, those w
 """
 
 import ast
+import hashlib
 from functools import cache
 from pathlib import Path
 
@@ -33,6 +34,14 @@ def _imported(code: str) -> set[str]:
     return found
 
 
+def code_of(start: str) -> str:
+    """SHA-256 of a file and of everything that it imports (`closure`): paths and contents."""
+    digest = hashlib.sha256()
+    for name in closure(start):
+        digest.update(Path(name).name.encode() + b"\0" + (ROOT / name).read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
 def _file(name: str) -> Path | None:
     """The file of a module of the project; None of any other name."""
     if name.split(".")[0] not in HOUSES:
@@ -50,13 +59,13 @@ def _code(path: Path) -> str:
 
 @cache
 def closure(start: str) -> list[str]:
-    """The file ``start`` and the files of the project that it imports, as paths from the checkout, in order."""
+    """The file ``start`` and the files of the project that it imports; sorted paths from the checkout."""
     found: set[Path] = set()
     waiting = [ROOT / start]
     while waiting:
         path = waiting.pop()
         if path not in found:
             found.add(path)
-            names = _imported(_code(path))
-            waiting += [file for name in names if (file := _file(name)) is not None]
-    return [name for path in sorted(found) if (name := path.relative_to(ROOT).as_posix()) not in WITHOUT]
+            waiting += [file for name in _imported(_code(path)) if (file := _file(name)) is not None]
+    names = [p.relative_to(ROOT).as_posix() if p.is_relative_to(ROOT) else str(p) for p in sorted(found)]
+    return [name for name in names if name not in WITHOUT]

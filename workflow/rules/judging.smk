@@ -3,14 +3,14 @@
 
 rule claims:
     input:
-        f"{RESULTS}/measures/01_pendulum.csv",
-        expand(f"{RESULTS}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
-        expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
+        notebook("08_claims"),
+        "replication/evidence/claims.toml",
+        f"{MEASURES}/measures/01_pendulum.csv",
+        expand(f"{MEASURES}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
+        expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
         f"{TABLES}/measures/06_learning_performance.csv",
         f"{TABLES}/measures/07_activations_and_failures.csv",
         f"{TABLES}/measures/10_calibration.csv",
-        "replication/evidence/claims.toml",
-        sources("08_claims"),
     output:
         notebook=f"{EXECUTED}/08_claims.ipynb",
         claims=f"{FIGURES}/claims.csv",
@@ -20,49 +20,43 @@ rule claims:
         figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],
-        parameters=parameters(FIGURES=f"../{FIGURES}", TABLES=f"../{TABLES}", SEEDS=SEEDS, NOTE=config["note"]),
+        parameters=judging(MEASURES=f"../{MEASURES}/measures", RUNS=RUNS, SEEDS=SEEDS),
     shell:
         execute("08_claims")
 
 
 rule calibration:
     input:
+        notebook("10_calibration"),
         expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=[*CALIBRATED, *FREE]),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
-        sources("10_calibration"),
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
         measures=f"{TABLES}/measures/10_calibration.csv",
         figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
     params:
         values=config["values"],
-        parameters=parameters(
-            FIGURES=f"../{FIGURES}",
-            TABLES=f"../{TABLES}",
-            RUNS=CALIBRATED,
-            COMMON_RUNS=FREE,
-            DATA_SEED=DATA_SEEDS[0],
-            NOTE=config["note"],
-        ),
+        parameters=judging(RUNS=CALIBRATED, COMMON_RUNS=FREE, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("10_calibration")
 
 
 rule theorem:
     input:
+        notebook("12_theorem"),
         expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED + FREE),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
-        sources("12_theorem"),
     output:
         notebook=f"{EXECUTED}/12_theorem.ipynb",
         figure=f"{FIGURES}/theorem_terms.pdf",
         tables=expand(f"{FIGURES}/theorem_{{table}}.csv", table=["steps", "divergence", "orders"]),
     params:
         values=config["values"],
-        parameters=parameters(
-            FIGURES=f"../{FIGURES}", RUNS=CALIBRATED + FREE, DATA_SEED=DATA_SEEDS[0], DATASETS=5,
+        parameters=judging(
+            RUNS=CALIBRATED + FREE,
+            DATA_SEED=DATA_SEEDS[0],
+            DATASETS=5,
             STATES=1000 if config["note"] else 5000,  # a reduced run need not wait minutes for it
-            NOTE=config["note"],
         ),
     shell:
         execute("12_theorem")
@@ -70,17 +64,15 @@ rule theorem:
 
 rule discrepancy:
     input:
-        expand(f"{RESULTS}/measures/05_training_run__{{run}}.csv", run=RUNS),
+        notebook("16_discrepancy"),
+        expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
-        sources("16_discrepancy"),
     output:
         notebook=f"{EXECUTED}/16_discrepancy.ipynb",
         figure=f"{FIGURES}/discrepancy.pdf",
         tables=expand(f"{FIGURES}/discrepancy_{{table}}.csv", table=["outcomes", "ranks"]),
     params:
         values=config["values"],
-        parameters=parameters(
-            FIGURES=f"../{FIGURES}", RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]
-        ),
+        parameters=judging(RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("16_discrepancy")
