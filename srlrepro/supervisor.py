@@ -10,7 +10,7 @@ from srlrepro.dynamics.circle_env import TIME_OVER, Task, ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import NOT_RECOVERED, OUTCOMES, ClosedLoop, Rollouts, recover
 from srlrepro.dynamics.lqg import LQG, Gains
 from srlrepro.dynamics.pendulum import Floats, jit
-from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Judge, safe_probability
+from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Posterior, safe_probability
 from srlrepro.settings.fields import ParameterError
 
 SUPERVISED = "supervised"
@@ -23,14 +23,14 @@ class Guard(NamedTuple):
 
     Attributes:
         active: False: nobody watches, and the rest is not read.
-        judge, p_t: h(x) = 1 if P(l(x) = 1) > p_t.
+        posterior, p_t: h(x) = 1 if P(l(x) = 1) > p_t.
         corrects: whether K acts; False: an activation only ends the trial.
         gains, periods: of K, which has so many periods to recover the system.
         terminates: an activation of K ends the trial for the learner; False: cuts it off.
     """
 
     active: bool
-    judge: Judge
+    posterior: Posterior
     p_t: float
     corrects: bool
     gains: Gains
@@ -46,7 +46,7 @@ def watch(guard: Guard, task: Task, x: Floats, ended: int) -> tuple[int, int]:
     """
     if not guard.active or not (ended == 0 or ended == TIME_OVER):
         return 0, 0
-    if safe_probability(guard.judge, x) > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
+    if safe_probability(guard.posterior, x) > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
         return 0, 0
     if not guard.corrects:
         return NOT_TRIED, 0
@@ -139,7 +139,7 @@ class Supervisor(
             )
         _, gains, _, periods = self.loop.kernel_arguments
         ends = self.task.config.choices.early_stop == "terminate"
-        return Guard(True, self.region.judge, self.region.p_t, self.corrects, gains, periods, ends)
+        return Guard(True, self.region.posterior, self.region.p_t, self.corrects, gains, periods, ends)
 
     def _predicted_safe(self) -> bool:
         return bool(self.region.predict(self.task.state)[0] == 1)
@@ -147,4 +147,4 @@ class Supervisor(
 
 def nobody() -> Guard:
     """The guard of an environment without a supervisor."""
-    return Guard(False, Judge(), 0.0, True, NO_GAINS, 0, True)
+    return Guard(False, Posterior(), 0.0, True, NO_GAINS, 0, True)

@@ -38,7 +38,7 @@ from srlrepro.region.hypothesis import (
     TABLE,
     VOTE,
     CompiledHypothesis,
-    Judge,
+    Posterior,
     safe_probabilities,
 )
 from srlrepro.region.safe_region import SafeRegion
@@ -55,19 +55,19 @@ ITERATIONS = 5000  # of the perceptron, at most: L-BFGS converges in some hundre
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """h(x) of any judge.
+    """h(x) of any posterior.
 
     Attributes:
-        judge: says P(l(x) = 1).
+        posterior: says P(l(x) = 1).
         p_t: threshold of eq. (5).
     """
 
-    judge: Judge
+    posterior: Posterior
     p_t: float
 
     def safety(self, x: ArrayLike) -> Floats:
         """P(l(x) = 1) [B] of the states x [B, 6]."""
-        return safe_probabilities(self.judge, as_states(x))
+        return safe_probabilities(self.posterior, as_states(x))
 
     def predict(self, x: ArrayLike) -> Labels:
         """h(x) [B]: 1 if P(l(x) = 1) > p_t, else 0."""
@@ -75,7 +75,7 @@ class Predictor:
 
     def digest(self) -> str:
         """SHA-256 of what h depends on, to tell hypotheses apart."""
-        return hashlib.sha256(_bytes((self.judge, self.p_t))).hexdigest()
+        return hashlib.sha256(_bytes((self.posterior, self.p_t))).hexdigest()
 
 
 def _bytes(part: Any) -> bytes:
@@ -89,23 +89,23 @@ def _euclidean(x: Floats, z: Labels, config: Config, seed: int) -> SafeRegion:
     return region.fit_embedding(x, z, embed(distances, config.choices.perplexity, seed))
 
 
-def _pca(x: Floats, z: Labels, config: Config) -> Judge:
+def _pca(x: Floats, z: Labels, config: Config) -> Posterior:
     """Γ on the plane of the first two principal components; evidence sits where Ψ puts its state."""
     scale, c = np.array(config.paper.state_max), config.choices
     pca = PCA(2).fit(x / scale)
     places = pca.transform(x / scale)
     grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
-    return Judge(LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_)
+    return Posterior(LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_)
 
 
-def _knn(x: Floats, z: Labels, config: Config) -> Judge:
+def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
     """The vote of Ψ's neighbours with Ψ's weights: sklearn's KNeighborsClassifier(weights="distance")."""
     scale = np.array(config.paper.state_max)
     votes = np.column_stack([z, np.zeros(len(z))]).astype(np.float64)
     neighbours = min(config.choices.psi_neighbours, len(x))
     x_train = np.ascontiguousarray((x / scale).T)
-    return Judge(VOTE, RegionArrays(scale, x_train, votes, neighbours, TABLE, NONE, 0.0))
+    return Posterior(VOTE, RegionArrays(scale, x_train, votes, neighbours, TABLE, NONE, 0.0))
 
 
 def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
@@ -117,7 +117,7 @@ def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
     return CalibratedClassifierCV(SVC(), method="sigmoid", cv=folds, ensemble=False).fit(s, z)
 
 
-def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Judge:
+def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     scale = np.array(config.paper.state_max)
     s = x / scale
     calibrated = fit_svm(s, z, seed).calibrated_classifiers_[0]
@@ -126,7 +126,7 @@ def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Judge:
     bias = float(-sigmoid.a_ * svm.intercept_[0] - sigmoid.b_)  # Platt: P = 1 / (1 + exp(a f + b))
     region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
     vectors, weights = np.ascontiguousarray(svm.support_vectors_), -sigmoid.a_ * svm.dual_coef_[0]
-    return Judge(KERNEL, region, vectors, weights=weights, bias=bias, width=width)
+    return Posterior(KERNEL, region, vectors, weights=weights, bias=bias, width=width)
 
 
 def fit_mlp(s: Floats, z: Labels, seed: int) -> MLPClassifier:
@@ -138,12 +138,14 @@ def fit_mlp(s: Floats, z: Labels, seed: int) -> MLPClassifier:
     return MLPClassifier(activation="tanh", solver="lbfgs", max_iter=ITERATIONS, random_state=seed).fit(s, z)
 
 
-def _mlp(x: Floats, z: Labels, config: Config, seed: int) -> Judge:
+def _mlp(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     scale = np.array(config.paper.state_max)
     mlp = fit_mlp(x / scale, z, seed)
     (hidden, out), (offsets, bias) = mlp.coefs_, mlp.intercepts_
     region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
-    return Judge(NETWORK, region, np.ascontiguousarray(hidden.T), offsets, out[:, 0].copy(), float(bias[0]))
+    return Posterior(
+        NETWORK, region, np.ascontiguousarray(hidden.T), offsets, out[:, 0].copy(), float(bias[0])
+    )
 
 
 def learn_hypothesis(
@@ -162,7 +164,7 @@ def learn_hypothesis(
     kind, p_t = config.choices.hypothesis, config.paper.p_t
     if kind in ORACLES:
         loop = ClosedLoop.from_config(config, delta if kind == "real" else 1.0)
-        return Predictor(Judge(LOOP, loop=loop.kernel_arguments), p_t)
+        return Predictor(Posterior(LOOP, loop=loop.kernel_arguments), p_t)
     check(data is not None, "data", data, f"training data, which hypothesis = {kind} learns from")
     assert data is not None
     if kind == "tsne":

@@ -1,6 +1,6 @@
-r"""P(l(x) = 1) of one state, by any hypothesis, compiled once for all of them.
+r"""The posterior P(l(x) = 1 | x) of a hypothesis, compiled once for all kinds of them.
 
-With s = x in half ranges of App. C, a judge of one of these kinds says
+With s = x in half ranges of App. C, the posterior of a hypothesis is, by its kind,
 
 - `MAP`: Γ(Ψ(x)), the safe region of eq. (4);
 - `LINEAR`: Γ(A s + b), where the state mapping is linear;
@@ -33,7 +33,7 @@ NO_GAINS: Gains = (TABLE, TABLE, TABLE, TABLE, 0.0)
 NO_LOOP: Loop = ((0.0,) * 9, NO_GAINS, (0.0, 1, 0.0, 0.0, 0.0, 0.0), 0)
 
 
-class Judge(NamedTuple):
+class Posterior(NamedTuple):
     """A hypothesis as compiled code takes it; what its kind does not need is empty.
 
     Attributes:
@@ -56,34 +56,34 @@ class Judge(NamedTuple):
 
 
 @jit
-def safe_probability(judge: Judge, x: Floats) -> float:
+def safe_probability(posterior: Posterior, x: Floats) -> float:
     """P(l(x) = 1) of one state x [6]."""
-    kind, region = judge.kind, judge.region
+    kind, region = posterior.kind, posterior.region
     if kind == MAP:
         return query(region, x)[2]  # eq. (4)
     if kind == VOTE:
         return map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)[0]
     if kind == LOOP:
-        coefficients, gains, limits, periods = judge.loop
+        coefficients, gains, limits, periods = posterior.loop
         outcome, _ = recover(coefficients, gains, limits, periods, x, np.empty((0, 6)))
         return 1.0 if outcome == RECOVERED else 0.0  # eq. (2)
     s = x / region.scale
     if kind == LINEAR:
-        y = np.dot(judge.rows, s) + judge.offsets
+        y = np.dot(posterior.rows, s) + posterior.offsets
         return look_up(region, y[0], y[1])
     if kind == NETWORK:
-        features = np.tanh(np.dot(judge.rows, s) + judge.offsets)
+        features = np.tanh(np.dot(posterior.rows, s) + posterior.offsets)
     else:
-        features = np.exp(-judge.width * ((judge.rows - s) ** 2).sum(axis=1))
-    return float(1.0 / (1.0 + np.exp(-np.dot(judge.weights, features) - judge.bias)))
+        features = np.exp(-posterior.width * ((posterior.rows - s) ** 2).sum(axis=1))
+    return float(1.0 / (1.0 + np.exp(-np.dot(posterior.weights, features) - posterior.bias)))
 
 
 @jit
-def safe_probabilities(judge: Judge, x: Floats) -> Floats:
+def safe_probabilities(posterior: Posterior, x: Floats) -> Floats:
     """P(l(x) = 1) [B] of the states x [B, 6]."""
     out = np.empty(x.shape[0])
     for i in range(x.shape[0]):
-        out[i] = safe_probability(judge, x[i])
+        out[i] = safe_probability(posterior, x[i])
     return out
 
 
@@ -105,7 +105,7 @@ class CompiledHypothesis(Hypothesis, Protocol):
         ...
 
     @property
-    def judge(self) -> Judge:
+    def posterior(self) -> Posterior:
         """This hypothesis for `safe_probability`."""
         ...
 

@@ -20,7 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, as_states
-from srlrepro.region.hypothesis import MAP, Judge
+from srlrepro.region.hypothesis import MAP, Posterior
 from srlrepro.region.mapping import map_states
 from srlrepro.region.safety_map import RegionArrays, discretise, query_batch
 from srlrepro.region.tsne import dissimilarity, embed
@@ -174,9 +174,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         return (self.safety(x) > self.p_t).astype(np.int64)  # eq. (5)
 
     @property
-    def judge(self) -> Judge:
+    def posterior(self) -> Posterior:
         """This hypothesis for `safe_probability`."""
-        return Judge(MAP, self.arrays_)
+        return Posterior(MAP, self.arrays_)
 
     def digest(self) -> str:
         """SHA-256 of what h depends on, to tell regions apart."""

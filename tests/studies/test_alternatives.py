@@ -17,7 +17,7 @@ from replication.studies.alternatives import ORACLES, fit_mlp, fit_svm, learn_hy
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.training import Run
-from srlrepro.region.hypothesis import CompiledHypothesis, Judge, safe_probabilities
+from srlrepro.region.hypothesis import CompiledHypothesis, Posterior, safe_probabilities
 from srlrepro.region.mapping import map_states
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.region.safety_map import discretise, query_batch
@@ -76,7 +76,7 @@ def test_compiled_probabilities_are_the_plain_ones(
 
 def test_one_compiled_function_serves_all_kinds(hypotheses: dict[str, CompiledHypothesis]) -> None:
     """And an environment that nobody watches: all have the same type."""
-    assert len({numba.typeof(h.judge) for h in hypotheses.values()} | {numba.typeof(Judge())}) == 1
+    assert len({numba.typeof(h.posterior) for h in hypotheses.values()} | {numba.typeof(Posterior())}) == 1
 
 
 def test_the_safe_region_is_what_it_was(small: Learned, hypotheses: dict[str, CompiledHypothesis]) -> None:
@@ -84,7 +84,7 @@ def test_the_safe_region_is_what_it_was(small: Learned, hypotheses: dict[str, Co
     region, states = small[1], sample_uniform(300, SCALE, np.random.default_rng(2))
     assert hypotheses["tsne"].digest() == region.digest()
     expected = query_batch(region.arrays_, states)
-    np.testing.assert_array_equal(safe_probabilities(region.judge, states), expected)
+    np.testing.assert_array_equal(safe_probabilities(region.posterior, states), expected)
     np.testing.assert_array_equal(region.safety(states), expected)
 
 
