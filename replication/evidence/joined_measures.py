@@ -10,11 +10,13 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from replication.evidence.measures import classification
+from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.region.tsne import label_purity
+from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json, read_table
 
 SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in claims.toml
@@ -45,8 +47,7 @@ def learning_measures(folder: str | Path) -> dict[str, float]:
     """
     result = read_json(Path(folder, "run.json"))
     curve = read_table(Path(folder, "curve.csv"), ("step", "mean_return"))
-    values = result["config"]
-    best = values["reward_constant"] * round(values["trial_length"] / values["control_period"])
+    best = perfect_return(Config().with_values(**result["config"]))
     reached = curve.loc[curve["mean_return"] >= SATISFYING * best, "step"]
     return {
         "training_left": 1 - float(reached.min()) / result["steps_done"] if len(reached) else 0.0,

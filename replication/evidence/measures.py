@@ -12,6 +12,7 @@ from sklearn.calibration import calibration_curve
 from sklearn.metrics import brier_score_loss, confusion_matrix
 
 from replication.evidence.claims import MEASURE_COLUMNS
+from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import CompiledHypothesis
@@ -120,11 +121,10 @@ def run_measures(result: Mapping[str, Any], trials: pd.DataFrame) -> dict[str, f
     ``policy_return_share``: return of the final mean policy in its own condition over a perfect one.
     """
     counts, steps = result["counts"], result["steps_done"]
-    values = result["config"]
     last = trials[trials["step"] > steps * (1 - 1 / LAST_SHARE)]
     tried = counts["recovered"] + counts["hit_the_ground"] + counts["not_recovered_in_time"]
     failures = tried - counts["recovered"]
-    best = values["reward_constant"] * round(values["trial_length"] / values["control_period"])
+    best = perfect_return(Config().with_values(**result["config"]))
     measures = {
         "final_return": float(last["return"].mean()),
         "violations_per_1000_steps": 1000.0 * (failures + counts["falls"]) / steps,

@@ -6,8 +6,8 @@ from typing import Any
 import pandas as pd
 
 from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load
-from srlrepro.settings.choices import Choices
-from srlrepro.settings.paper import Paper
+from srlrepro.dynamics.circle_env import perfect_return
+from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json, read_table
 
 THREE, LARGER = "full", "seeds_10"  # results of the paper's three seeds, and those on which verdicts rest
@@ -77,7 +77,7 @@ def judged(figures: Path) -> dict[str, Any]:
         "runs": len(cells),
         "seeds": cells["seed"].nunique(),
         "papers": [claim.paper for claim in load() if claim.id in RATES],
-        "best": Paper.reward_constant * round(Choices.trial_length / Choices.control_period),
+        "best": perfect_return(Config()),
         "missing": [text for name, (_, text) in LONG.items() if not is_there(figures, name)],
         "conditions": len(cells[["alpha", "delta"]].drop_duplicates()),
     }

@@ -13,6 +13,7 @@ from replication.evidence.measures import classification
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import RECOVERED, ClosedLoop
 from srlrepro.dynamics.pendulum import Floats
+from srlrepro.learner.trials import transitions, untrained
 from srlrepro.region.safe_region import SafeRegion, learn_region
 from srlrepro.samplers import (
     MultivariateNormal,
@@ -143,16 +144,11 @@ def exploration(
     rows, high = [], np.array(config.paper.state_max)
     env = ThreeLinkCircleEnv(delta, config=config)
     for log_std in log_stds:
-        rng, inside, diverged = np.random.default_rng(seed), [], 0
+        policy, inside, diverged = untrained(np.random.default_rng(seed), log_std), [], 0
         for _ in range(trials):
-            env.reset()
-            ended = False
-            while not ended:
-                action = rng.normal(0.0, np.exp(log_std), 3).astype(np.float32)
-                _, _, terminated, truncated, info = env.step(action)
-                inside.append(bool((np.abs(env.state) <= high).all()))
-                ended = terminated or truncated
-            diverged += info["outcome"] == "diverged"
+            steps = list(transitions(env, policy))
+            inside += [bool((np.abs(step.following) <= high).all()) for step in steps]
+            diverged += steps[-1].info["outcome"] == "diverged"
         rows.append((log_std, np.mean(inside), diverged / trials))
     return pd.DataFrame(rows, columns=["log std", "states in App. C", "trials beyond the rate bound"])
 

@@ -21,6 +21,7 @@ from numpy.random import Generator
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
+from srlrepro.learner.trials import Transition, transitions, untrained
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
@@ -32,7 +33,7 @@ class Experience:
     """What a learner has seen of the real system.
 
     Attributes:
-        x, following: [N, 6] states at the begin and the end of a control period, rad and rad/s.
+        x, following: [N, 6] states at the start and the end of a control period, rad and rad/s.
         actions: [N, 3] of π, in units of ``action_unit``.
         activated: [M, 6] states in which K was activated; safe: [M] whether it recovered the system.
         times: [M] s, until the outcome.
@@ -51,24 +52,22 @@ def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: 
     check(trials >= 1, "trials", trials, "a whole number in [1, inf)")
     loop = ClosedLoop.from_config(config)
     env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, loop.controller)
-    task, std = env.task, np.exp(config.choices.log_std_init)
-    steps: list[tuple[Floats, Floats, Floats]] = []
+    task, policy = env.task, untrained(rng, config.choices.log_std_init)
+    steps: list[Transition] = []
     activated, outcomes, times = [], [], []
     for _ in range(trials):
-        env.reset()
-        ended = False
-        while not ended:
-            x, action = task.state.copy(), rng.normal(0.0, std, 3)
-            _, _, terminated, truncated, _ = env.step(action.astype(np.float32))
-            ended = terminated or truncated
-            steps.append((x, action, task.state.copy()))
+        steps += transitions(env, policy)
         if env.recovery is not None:
             activated.append(task.state.copy())
             outcomes.append(env.recovery.labels[0])
             times.append(env.recovery.durations[0])
-    x, actions, following = (np.array(part) for part in zip(*steps, strict=True))
     return Experience(
-        x, actions, following, np.array(activated).reshape(-1, 6), np.array(outcomes, int), np.array(times)
+        np.array([step.x for step in steps]),
+        np.array([step.action for step in steps]),
+        np.array([step.following for step in steps]),
+        np.array(activated).reshape(-1, 6),
+        np.array(outcomes, int),
+        np.array(times),
     )
 
 
@@ -77,7 +76,7 @@ def predict(experience: Experience, config: Config) -> Floats:
     nominal, predicted = ThreeLinkCircleEnv(1.0, config=config), []
     for x, action in zip(experience.x, experience.actions, strict=True):
         nominal.reset(options={"state": x})
-        nominal.step(action.astype(np.float32))
+        nominal.step(action)
         predicted.append(nominal.state)
     return np.array(predicted)
 

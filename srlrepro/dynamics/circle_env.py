@@ -39,6 +39,11 @@ TIME_OVER = 10  # beside the outcomes of `hold_torque`
 ENDS = {0: "", HIT_GROUND: "hit the ground", NOT_RECOVERED: "diverged", TIME_OVER: "time limit"}
 
 
+def perfect_return(config: Config) -> float:
+    """Return of a trial that never leaves the target: R_c in every control period of a trial (App. C)."""
+    return config.paper.reward_constant * round(config.choices.trial_length / config.choices.control_period)
+
+
 @jit
 def target(circle: Circle, t: float) -> tuple[float, float]:
     """p_d(t): the point (m) on the circle (height of its centre, radius, speed) at the time t (s).

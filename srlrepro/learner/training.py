@@ -10,7 +10,6 @@ The products of a run, in one folder:
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,47 +25,32 @@ from stable_baselines3.common.monitor import Monitor
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
+from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
-from srlrepro.settings.condition import alpha_text
+from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
-from srlrepro.settings.fields import check
+from srlrepro.settings.fields import check, check_whole
 from srlrepro.storage.files import beside, require_writable, write_arrays, write_json, write_table
 from srlrepro.storage.provenance import provenance
 from srlrepro.supervisor import Supervisor
 
-VISITED_FORMAT = "srlrepro-visited-1"
-
 
 @dataclass(frozen=True)
-class Run:
-    """What is trained.
+class Run(Condition):
+    """What is trained: a condition, for a number of steps.
 
     Attributes:
-        alpha: share of UD in the training data of the region; None: no supervisor ("none").
-        delta: mass mismatch Δ of the real system.
-        seed: of the learner.
         steps: training steps; PPO rounds them up to whole updates.
     """
 
-    alpha: float | None
-    delta: float
-    seed: int
     steps: int
 
     def __post_init__(self) -> None:
-        check(self.alpha is None or 0 <= self.alpha <= 1, "alpha", self.alpha, "a number in [0, 1], or none")
-        check(0 < self.delta < math.inf, "delta", self.delta, "a finite number > 0")
-        for name, least in (("seed", 0), ("steps", 1)):
-            value = getattr(self, name)
-            check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
-
-    @property
-    def name(self) -> str:
-        """Names the run's folder and files."""
-        return f"alpha_{alpha_text(self.alpha)}__delta_{self.delta:g}__seed_{self.seed}"
+        super().__post_init__()
+        check_whole("steps", self.steps, 1)
 
 
 def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any, Any]:

@@ -1,24 +1,58 @@
-"""Trials to look at: what π does, where the supervisor steps in, and how K fares."""
+"""Trials, step by step: what π does, where the supervisor steps in, and how K fares."""
 
 import io
 import zipfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, target
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.storage.files import (
-    ResultError,
-    bounded_archive,
-    check_unpacked,
-)
+from srlrepro.storage.files import ResultError, bounded_archive, check_unpacked
 from srlrepro.supervisor import Supervisor
+
+Actor = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # an action [3] from an observation [8]
+
+
+class Transition(NamedTuple):
+    """One control period of π.
+
+    Attributes:
+        x, following: states [6] before and after it, rad and rad/s.
+        action: [3] in units of ``action_unit``; reward: R.
+        info: what the environment says of it.
+    """
+
+    x: Floats
+    action: NDArray[np.float32]
+    reward: float
+    following: Floats
+    info: dict[str, Any]
+
+
+def untrained(rng: Generator, log_std: float) -> Actor:
+    """About what a policy does before its training: normal actions of mean 0, whatever it sees."""
+    return lambda _: rng.normal(0.0, np.exp(log_std), 3).astype(np.float32)
+
+
+def transitions(env: gym.Env[Any, Any], act: Actor) -> Iterator[Transition]:
+    """Reset a task, supervised or not, and yield the control periods of one trial under a policy."""
+    task = env.unwrapped
+    assert isinstance(task, ThreeLinkCircleEnv)
+    observation, _ = env.reset()
+    ended = False
+    while not ended:
+        x, action = task.state.copy(), act(observation)
+        observation, reward, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+        yield Transition(x, action, float(reward), task.state.copy(), info)
 
 
 @dataclass(frozen=True)
@@ -65,22 +99,23 @@ def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
 
 
 def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool) -> Trial:
-    """One trial of a policy from the origin; with its mean actions if ``deterministic``."""
+    """One trial of a policy from the origin, with the recovery by K if there was one.
+
+    deterministic: π takes its mean actions, else it draws them.
+    """
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
-    observation, info = env.reset()
-    states, total, ended = [task.state.copy()], 0.0, False
-    while not ended:
-        action, _ = model.predict(observation, deterministic=deterministic)
-        observation, reward, terminated, truncated, info = env.step(action)
-        states.append(task.state.copy())
-        total, ended = total + float(reward), terminated or truncated
-    steps, outcome = len(states) - 1, info["outcome"]
+    states, total = [], 0.0
+    for step in transitions(env, lambda o: model.predict(o, deterministic=deterministic)[0]):
+        states.append(step.x)
+        total += step.reward
+    states.append(step.following)
+    steps, outcome = len(states) - 1, step.info["outcome"]
     recovery = env.recovery if isinstance(env, Supervisor) else None
     if recovery is not None:
         periods = round(float(recovery.durations[0]) / task.rule.control_period)
         states += list(recovery.paths[0, 1 : periods + 1])
-        outcome = f"K: {info['recovery']}"
+        outcome = f"K: {step.info['recovery']}"
     times = task.rule.control_period * np.arange(len(states))
     circle = np.array([target(task.arrays.circle, float(t)) for t in times])
     supervised = np.arange(len(states)) >= (steps if recovery is not None else len(states))
@@ -88,11 +123,12 @@ def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool)
 
 
 def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
-    """One trial with the policy's mean action; task and policy are deterministic, so one says it all."""
-    observation, info = env.reset()
-    total, length, ended = 0.0, 0, False
-    while not ended:
-        action, _ = model.predict(observation, deterministic=True)
-        observation, reward, terminated, truncated, info = env.step(action)
-        total, length, ended = total + float(reward), length + 1, terminated or truncated
-    return {"return": total, "length": length, "outcome": info["outcome"]}
+    """One trial with the policy's mean action; task and policy are deterministic, so one says it all.
+
+    Returns:
+        ``return``, ``length`` in control periods, and ``outcome``.
+    """
+    total, length = 0.0, 0
+    for step in transitions(env, lambda o: model.predict(o, deterministic=True)[0]):
+        total, length = total + step.reward, length + 1
+    return {"return": total, "length": length, "outcome": step.info["outcome"]}
