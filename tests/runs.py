@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 
-from srlrepro.learner.training import VISITED_FORMAT, Run, train
+from srlrepro.learner import VISITED_FORMAT
+from srlrepro.learner.training import Run, train
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.settings.config import Config

@@ -18,7 +18,8 @@ from stable_baselines3 import PPO
 from workflow.commands import load_training_data
 from workflow.main_tmp import main
 
-from srlrepro.learner.training import VISITED_FORMAT, make_env, make_learner
+from srlrepro.learner import VISITED_FORMAT
+from srlrepro.learner.training import make_env, make_learner
 from srlrepro.learner.trials import load_policy
 from srlrepro.region.safe_region import FORMAT, SafeRegion
 from srlrepro.settings.fields import ParameterError

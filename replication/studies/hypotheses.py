@@ -8,13 +8,13 @@ import pandas as pd
 from numpy.random import Generator
 
 from replication.evidence.measures import TEST_STATES, classification, test_states
+from replication.evidence.runs import read_run
 from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.learner.training import VISITED_FORMAT, Run
 from srlrepro.samplers import TrainingData, generate
+from srlrepro.settings.condition import Condition, parse_alpha
 from srlrepro.settings.config import Config
-from srlrepro.storage.files import read_arrays
 
 ANY = "any"  # stands for α where a hypothesis knows the system and learns from no data
 SCORES = ("precision", "recall", "brier")
@@ -26,10 +26,9 @@ def visited(
     folder: Path, alphas: Iterable[str], delta: float, seeds: Sequence[int], rng: Generator
 ) -> Floats:
     """`TEST_STATES` of the states [B, 6] that the learners of a universe (its folder) visited, all seeds."""
-    names = [Run(None if a == "none" else float(a), delta, s, 1).name for a in alphas for s in seeds]
-    files = [folder / "runs" / name / "visited.npz" for name in names]
-    states = np.concatenate([read_arrays(file, VISITED_FORMAT, ("x",))["x"] for file in files])
-    return rng.choice(states.astype(np.float64), TEST_STATES)
+    names = [Condition(parse_alpha(a), delta, s).name for a in alphas for s in seeds]
+    states = np.concatenate([read_run(folder / "runs" / name).visited() for name in names])
+    return rng.choice(states, TEST_STATES)
 
 
 def judged_states(

@@ -17,9 +17,9 @@ from runs import CONDITIONS, CONFIG, FREE, NARROW, STOCK, SUPERVISED, UPDATE, UP
 from stable_baselines3 import PPO
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.training import (
     TRIAL_COLUMNS,
-    VISITED_FORMAT,
     Run,
     count,
     learning_curve,

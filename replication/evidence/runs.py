@@ -1,0 +1,166 @@
+"""Trained runs as evidence: what their products say, and whether they are of what a reader asked for.
+
+The products of a run lie in one folder (`srlrepro.learner.training`); its measures, made of them by
+``python -m replication measure``, lie beside them in ``measures.csv``.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from replication.evidence.claims import MEASURE_COLUMNS
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.learner import VISITED_FORMAT
+from srlrepro.settings.condition import Condition
+from srlrepro.settings.config import Config
+from srlrepro.storage.files import ResultError, read_arrays, read_json, read_table
+
+RECORD = "run.json"
+
+
+@dataclass(frozen=True)
+class TrainedRun:
+    """What the record of a run, its run.json, says.
+
+    Attributes:
+        folder: that holds all products.
+        condition: α or none, Δ and seed.
+        config: every value under which it was trained.
+        region: digest of the hypothesis behind the supervisor.
+        steps: asked for; steps_done: rounded up to whole updates.
+        counts: of the whole training: activations of K, their outcomes, falls of π, ….
+        returns: of the final mean policy, in its "own condition" and with "no supervisor".
+    """
+
+    folder: Path
+    condition: Condition
+    config: Config
+    region: str
+    steps: int
+    steps_done: int
+    counts: Mapping[str, int]
+    returns: Mapping[str, float]
+
+    @property
+    def failures(self) -> int:
+        """Activations of K that did not recover the system."""
+        return self.counts["hit_the_ground"] + self.counts["not_recovered_in_time"]
+
+    def trials(self) -> pd.DataFrame:
+        """One row per trial: step at its end, return, …."""
+        return read_table(self.folder / "trials.csv", ("step", "return"), numbers=("step", "return"))
+
+    def curve(self) -> pd.DataFrame:
+        """The learning curve: step, mean_return, mean_length, …, a row per window of steps."""
+        return read_table(self.folder / "curve.csv", ("step", "mean_return", "mean_length"))
+
+    def visited(self) -> Floats:
+        """States [N, 6] that the learner's steps reached, rad and rad/s, in their order."""
+        arrays = read_arrays(self.folder / "visited.npz", VISITED_FORMAT, ("x",))
+        return np.asarray(arrays["x"], np.float64)
+
+
+def read_run(place: str | Path) -> TrainedRun:
+    """The run whose products lie in a folder, or of whose products this is the run.json.
+
+    Raises:
+        ResultError: it has not been made, or its run.json is not of a training run.
+    """
+    path = Path(place) if Path(place).name == RECORD else Path(place, RECORD)
+    found = read_json(path)
+    try:
+        run, config = found["run"], Config().with_values(**found["config"])
+        lacking = config.as_dict().keys() - found["config"].keys()
+        if lacking:
+            raise ValueError(f"it lacks the value of {min(lacking)}")
+        return TrainedRun(
+            folder=path.parent,
+            condition=Condition(run["alpha"], run["delta"], run["seed"]),
+            config=config,
+            region=str(found["region"]),
+            steps=int(run["steps"]),
+            steps_done=int(found["steps_done"]),
+            counts={name: int(number) for name, number in found["counts"].items()},
+            returns={name: float(trial["return"]) for name, trial in found["final_policy"].items()},
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ResultError(f"{path} is not of a training run: {error!r}") from error
+
+
+def require_same(run: TrainedRun, config: Config, steps: int | None = None) -> None:
+    """See that a run was trained under the values, and for the steps, that its reader asks for.
+
+    Args:
+        steps: None where they do not matter.
+
+    Raises:
+        ResultError: it was not; the message names one value that differs.
+    """
+    asked = config.as_dict() | ({} if steps is None else {"steps": steps})
+    found = run.config.as_dict() | {"steps": run.steps}
+    for name, value in asked.items():
+        if found[name] != value:
+            raise ResultError(f"{run.folder} was trained with {name} = {found[name]}, not with {value}")
+
+
+def read_runs(
+    results: str | Path, names: Iterable[str], config: Config, steps: int | None = None
+) -> pd.DataFrame:
+    """The named runs of a folder of results, each as it was asked for.
+
+    Args:
+        names: of their conditions, such as alpha_0__delta_1.1__seed_0.
+        config: the values that they must have been trained under.
+        steps: that they must have been trained for; None: any.
+
+    Returns:
+        A row per run, with its name as the index: alpha (text), delta, seed, its counts, steps (done) and
+        failures (of K).
+
+    Raises:
+        ResultError: a run has not been made, or was trained for another condition or under other values.
+    """
+    rows = {}
+    for name in names:
+        run = read_run(Path(results, "runs", name))
+        if run.condition.name != name:
+            raise ResultError(f"{run.folder} holds a run of {run.condition.name}")
+        require_same(run, config, steps)
+        counts = {**run.counts, "steps": run.steps_done, "failures": run.failures}
+        rows[name] = _cell(run.condition) | counts
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("run")
+
+
+def read_curves(results: str | Path, names: Iterable[str]) -> pd.DataFrame:
+    """The learning curves of the named runs, one below the other, with the columns alpha, delta and seed.
+
+    Raises:
+        ResultError: a run has not been made.
+    """
+    runs = [read_run(Path(results, "runs", name)) for name in names]
+    return pd.concat([run.curve().assign(**_cell(run.condition)) for run in runs], ignore_index=True)
+
+
+def read_run_measures(results: str | Path, names: Iterable[str]) -> pd.DataFrame:
+    """The tables of measures of the named runs as one, with the columns of `claims`.
+
+    Raises:
+        ResultError: a run has not been measured, or its table is of another run.
+    """
+    tables = []
+    for name in names:
+        path = Path(results, "runs", name, "measures.csv")
+        table = read_table(path, MEASURE_COLUMNS, ("delta", "seed", "value"), text=("alpha",))
+        of = Condition.parse(name)
+        numbers = np.allclose(table[["delta", "seed"]], [of.delta, of.seed])  # names have few digits
+        if not (numbers and (table["alpha"] == of.alpha_text).all()):
+            raise ResultError(f"{path} holds measures of another run")
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _cell(condition: Condition) -> dict[str, str | float]:
+    return {"alpha": condition.alpha_text, "delta": condition.delta, "seed": condition.seed}
