@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from benchmarks.learner import kernels, measure, start, summary
-from srlrepro.settings.command_line import Parser
+from srlrepro.command_line import Parser
 from srlrepro.storage.files import write_table
 
 OUT = Path(__file__).parent.parent / "docs" / "benchmark.csv"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from srlrepro.settings.choices import Choices
-from srlrepro.settings.command_line import Parser, add_settings, path, run, subcommands
+from srlrepro.command_line import Parser, add_settings, path, run, subcommands
 from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import check, check_whole
 from srlrepro.settings.paper import Paper

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from srlrepro.settings.command_line import Parser, path, run, subcommands
+from srlrepro.command_line import Parser, path, run, subcommands
 from srlrepro.settings.fields import ParameterError, one_line
 from workflow.command_line import add_limit
 

@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -20,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from srlrepro.settings.condition import NONE, Condition, alpha_text
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError, check, one_line
 from srlrepro.storage.files import (
@@ -33,6 +35,7 @@ from srlrepro.storage.files import (
 )
 from srlrepro.storage.provenance import MADE_BY, provenance
 from workflow.command_line import COMMAND_VARIABLE
+from workflow.plan import setting_texts
 from workflow.sources import code_of
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -249,6 +252,37 @@ def forget_machine(notebook: Any) -> None:
     notebook.nbformat_minor = 4  # the last format without cell ids, which papermill draws at random
 
 
+def prepare(notebook: Path) -> None:
+    """Make what a source notebook reads when it runs with its own (smoke) parameters, as the rules would.
+
+    That are data and regions of its α, and the measures of its runs.
+    """
+    values = parameters_of(notebook)
+    results, seed = notebook.parent / values["RESULTS"], str(values.get("DATA_SEED", 0))
+    runs = [Condition.parse(name) for name in values.get("RUNS", [])]
+    alphas = {alpha_text(float(alpha)) for alpha in values.get("ALPHAS", []) if alpha != NONE}
+    alphas |= {run.alpha_text for run in runs if run.alpha is not None}
+    settings = ["--set", *setting_texts(values["SETTINGS"])]
+    for alpha in sorted(alphas):
+        folder = results / f"data_{seed}" / f"alpha_{alpha}"
+        data, region = str(folder / "training_data.npz"), folder / "region.npz"
+        if not region.exists():
+            _call("srlrepro", "data", "--alpha", alpha, "--seed", seed, "--out", data, *settings)
+            _call("srlrepro", "region", "--data", data, "--seed", seed, "--out", str(region), *settings)
+    for run in runs:
+        made, region = (
+            results / "runs" / run.name,
+            results / f"data_{seed}" / f"alpha_{run.alpha_text}" / "region.npz",
+        )
+        if (made / "run.json").exists() and not (made / "measures.csv").exists():
+            by = [] if run.alpha is None else ["--region", str(region)]
+            _call("replication", "measure", str(made / "run.json"), "--out", str(made / "measures.csv"), *by)
+
+
+def _call(house: str, *arguments: str) -> None:
+    subprocess.run([sys.executable, "-m", house, *arguments], check=True, stdout=subprocess.DEVNULL)
+
+
 def snapshot(notebook: Path) -> None:
     """Execute a source notebook with its own (smoke) parameters, and keep the outputs that its test compares.
 
@@ -257,6 +291,7 @@ def snapshot(notebook: Path) -> None:
     """
     import nbformat
 
+    prepare(notebook)
     with tempfile.TemporaryDirectory() as folder:
         executed = Path(folder, notebook.name)
         execute(notebook, executed, {})

@@ -106,7 +106,7 @@ def _names(
     arguments: argparse.Namespace, alphas: list[str], deltas: list[float], steps: int, usual: int
 ) -> dict[str, str]:
     """cells, look and name of the module, and what is varied in the words of the figures' note."""
-    settings = setting_texts(parse_settings(arguments.settings))
+    settings = [text.replace("=", "-", 1) for text in setting_texts(parse_settings(arguments.settings))]
     if arguments.study:
         base = f"{arguments.study}_quick" if arguments.quick else arguments.study
     else:
@@ -131,7 +131,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
 
     Returns:
         A table. name, look, cells: see the module. alphas, deltas, seeds, steps: of the grid. settings: what
-        is varied; values: of every parameter. note: what a figure must say of itself, "" of the full experiment.
+        is varied; values: of every parameter. note: what a figure must say of itself, "" of the full one.
         study: its name, or ""; few: whether it has few universes. command: the command line that gives this
         plan again. only: the notebook asked for, or "".
 

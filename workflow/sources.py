@@ -20,7 +20,7 @@ WITHOUT = ("srlrepro/settings/choices.py",)
 
 
 def _imported(code: str) -> set[str]:
-    """Dotted names that a text of Python imports; ``from a import b`` gives a and a.b."""
+    """Dotted names that a text of Python imports: ``from a.b import c`` gives a, a.b and a.b.c."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Import):
@@ -31,7 +31,8 @@ def _imported(code: str) -> set[str]:
                 {PUBLIC.get(alias.name, "") for alias in node.names} if node.module == "srlrepro" else set()
             )
             found |= {node.module, *names, *lazy}
-    return found
+    parts = [name.split(".") for name in found]
+    return {".".join(words[:n]) for words in parts for n in range(1, len(words) + 1)}
 
 
 def code_of(start: str) -> str:

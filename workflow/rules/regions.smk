@@ -18,7 +18,7 @@ rule pendulum:
 
 rule data:
     input:
-        command("srlrepro/samplers.py"),
+        command("srlrepro", "srlrepro/samplers.py"),
     output:
         f"{RESULTS}/data_{{data}}/alpha_{{alpha}}/training_data.npz",
     params:
@@ -29,7 +29,7 @@ rule data:
 
 rule region:
     input:
-        command("srlrepro/region/safe_region.py"),
+        command("srlrepro", "srlrepro/region/safe_region.py"),
         data=rules.data.output,
     output:
         f"{RESULTS}/data_{{data}}/alpha_{{alpha}}/region.npz",

@@ -30,16 +30,18 @@ rule training_run:
 
 rule run_measures:
     input:
-        command("replication/evidence/measures.py"),
+        command("replication", "replication/evidence/measures.py", "replication/studies/alternatives.py"),
         run=rules.training_run.output.run,
         visited=rules.training_run.output.visited,
         region=region_of,
+        common=free_run_of,
     output:
         f"{RESULTS}/runs/{RUN}/measures.csv",
     params:
         region=lambda w, input: f"--region {shlex.quote(input.region)}" if input.region else "",
+        common=lambda w, input: f"--common {shlex.quote(str(Path(input.common).parent))}" if input.common else "",
     shell:
-        f"{PYTHON} -m replication measure {{input.run:q}} --out {{output:q}} {{params.region}}"
+        f"{PYTHON} -m replication measure {{input.run:q}} --out {{output:q}} {{params.region}} {{params.common}}"
 
 
 rule learning_performance:
