@@ -1,5 +1,7 @@
 """The forest plot of the claims: every contrast with its interval and its seeds."""
 
+import textwrap
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -7,15 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-# (colour, marker) of a state; Tol's muted colours, none of which stands for a condition or a label
+from replication.plots.style import CONTRADICTS, INK, SUPPORTS, UNRESOLVED
+
+# (colour, marker) of a state
 STATE_STYLES = {
-    "supports": ("#117733", "o"),
-    "contradicts": ("#882255", "X"),
-    "unresolved": ("#888888", "s"),
+    "supports": (SUPPORTS, "o"),
+    "contradicts": (CONTRADICTS, "X"),
+    "unresolved": (UNRESOLVED, "s"),
 }
 HEAD = 3.4  # height of a panel's title and axis, in rows
 ROW = 0.17  # in
 LABEL_WIDTH = 56  # characters of a contrast's name in a line
+TITLE_WIDTH = 84  # characters of a panel's title in a line
 
 
 def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
@@ -25,7 +30,7 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
     """
     for place, row in enumerate(contrasts.to_dict("records")):
         if row["n"] == 0:
-            ax.text(row["least"], place, " not measured", va="center", fontsize=6, color="#888888")
+            ax.text(row["least"], place, " not measured", va="center", fontsize=6, color=UNRESOLVED)
             continue
         tint, marker = STATE_STYLES[row["state"]]
         seeds = np.array(str(row["values"]).split(), dtype=float)
@@ -36,9 +41,9 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
     low, high = ax.get_xlim()
     low, high = min(low, least), max(high, most if np.isfinite(most) else least)
     margin = 0.04 * (high - low)
-    ax.axvspan(least, min(most, high + margin), color="#117733", alpha=0.07, linewidth=0)
+    ax.axvspan(least, min(most, high + margin), color=SUPPORTS, alpha=0.07, linewidth=0)
     for border in (least, most):
-        ax.axvline(border, color="black", linewidth=0.8)
+        ax.axvline(border, color=INK, linewidth=0.8)
     ax.set(xlim=(low - margin, high + margin), ylim=(len(contrasts) - 0.4, -0.6))
     ax.set_yticks(range(len(contrasts)), contrasts["contrast"].str.wrap(LABEL_WIDTH))
     ax.tick_params(labelsize=6, length=2)
@@ -56,8 +61,9 @@ def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int =
         for ax, name in zip(axes, part_sizes.index, strict=True):
             claim = summary.set_index("id").loc[name]
             plot_contrasts(ax, contrasts[contrasts["id"] == name])
-            note = " (ill-posed)" if claim["ill_posed"] else ""
-            ax.set_title(f"{name}: {claim['verdict']}{note}", fontsize=7, loc="left", fontweight="bold")
+            note = " (cannot decide the claim)" if claim["ill_posed"] else ""
+            title = textwrap.fill(f"{claim['statement'].rstrip('.')}: {claim['verdict']}{note}", TITLE_WIDTH)
+            ax.set_title(title, fontsize=6.5, loc="right", fontweight="bold")
             ax.set_xlabel(f"contrast in {claim['measure'].replace('_', ' ')}", fontsize=6, labelpad=1)
     handles = [
         Line2D([], [], color=tint, marker=marker, label=state)

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from replication.plots.style import COLORS, label
+from replication.plots.style import CONDITIONS, GRID, KNOWS_SYSTEM, label
 from replication.studies.hypotheses import ANY, SCORES
 
-PALETTE = {**COLORS, ANY: "#CC79A7"}
+PALETTE = {**CONDITIONS, ANY: KNOWS_SYSTEM}
 DODGED = 0.8  # of the distance between hypotheses, by seaborn, over the values of α
 
 
@@ -74,7 +74,7 @@ def _strip(ax: Axes, table: pd.DataFrame, y: str, names: list[str], alphas: list
     sns.pointplot(**common, dodge=apart, errorbar=None, marker="_", markersize=9, linestyle="none")
     ax.tick_params(axis="x", labelrotation=90)
     ax.set(xlabel="", ylabel="")
-    ax.grid(axis="y", color="#E5E5E5")
+    ax.grid(axis="y", color=GRID)
     ax.set_axisbelow(True)
 
 

@@ -12,11 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from replication.evidence.claims import Claim
+from replication.plots.style import BACKGROUND, DEFAULT_UNIVERSE, GRID, INK, LEVELS, PAPERS_NUMBER
 from replication.studies.multiverse import ALONE, RANDOM, Choice
 
-LEVEL_COLORS = ("#D9D9D9", "#E69F00", "#CC79A7")  # the default, first and second alternative
 SHAPES = {ALONE: "o", RANDOM: "^"}
-HOLDS, FAILS, PAPER, DEFAULT = "#1B1B1B", "#FFFFFF", "#B00000", "#0072B2"
 TITLE_WIDTH = 70  # characters that fit above the axes
 
 
@@ -37,15 +36,21 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
     )
     for kind, shape in SHAPES.items():
         part = table[table["design"] == kind]
-        fills = np.where(part["holds"], HOLDS, FAILS)
-        top.scatter(part.index, part["value"], 22, fills, marker=shape, edgecolors=HOLDS, linewidths=0.7)
+        fills = np.where(part["holds"], INK, BACKGROUND)
+        top.scatter(part.index, part["value"], 22, fills, marker=shape, edgecolors=INK, linewidths=0.7)
     default = table[table["id"] == "default"]
-    top.scatter(default.index, default["value"], 130, "none", marker="s", edgecolors=DEFAULT, linewidths=1.5)
+    top.scatter(
+        default.index, default["value"], 130, "none", marker="s", edgecolors=DEFAULT_UNIVERSE, linewidths=1.5
+    )
     near = claim.kind == "near"
-    top.axhline(claim.value if near else 0.0, color=PAPER, linewidth=1)
+    top.axhline(claim.value if near else 0.0, color=PAPERS_NUMBER, linewidth=1)
     if near:
         top.axhspan(
-            claim.value - claim.tolerance, claim.value + claim.tolerance, color=PAPER, alpha=0.1, linewidth=0
+            claim.value - claim.tolerance,
+            claim.value + claim.tolerance,
+            color=PAPERS_NUMBER,
+            alpha=0.1,
+            linewidth=0,
         )
     top.set_ylabel(
         claim.measure.replace("_", " ") if near else f"margin of\n{claim.measure.replace('_', ' ')}"
@@ -57,25 +62,25 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
     codes = [table[c.id].map(names.index) for c, names in zip(choices, levels, strict=True)]
     bottom.imshow(
         np.array(codes, dtype=float).reshape(len(choices), len(table)),
-        cmap=mpl.colors.ListedColormap(LEVEL_COLORS),
+        cmap=mpl.colors.ListedColormap(LEVELS),
         vmin=-0.5,
-        vmax=len(LEVEL_COLORS) - 0.5,
+        vmax=len(LEVELS) - 0.5,
         aspect="auto",
         interpolation="none",
     )
     labels = [f"{c.id}:  {' · '.join(names)}" for c, names in zip(choices, levels, strict=True)]
     bottom.set_yticks(range(len(choices)), labels, fontsize=7)
     bottom.set_yticks(np.arange(len(choices) + 1) - 0.5, minor=True)
-    bottom.grid(axis="y", which="minor", color="white", linewidth=1.5)
+    bottom.grid(axis="y", which="minor", color=BACKGROUND, linewidth=1.5)
     bottom.tick_params(which="minor", length=0)
     bottom.set_xlabel("universes, by value")
     line = "paper's number and tolerance" if near else "above: the claim holds"
     handles = [
-        *(Line2D([], [], ls="", marker=m, color=HOLDS, label=k) for k, m in SHAPES.items()),
-        Line2D([], [], ls="", marker="o", mfc=FAILS, mec=HOLDS, label="does not hold"),
-        Line2D([], [], ls="", marker="s", mfc="none", mec=DEFAULT, markersize=9, label="default"),
-        Line2D([], [], color=PAPER, label=line),
-        *(Patch(color=c, label=n) for c, n in zip(LEVEL_COLORS, ("1st level", "2nd", "3rd"), strict=True)),
+        *(Line2D([], [], ls="", marker=m, color=INK, label=k) for k, m in SHAPES.items()),
+        Line2D([], [], ls="", marker="o", mfc=BACKGROUND, mec=INK, label="does not hold"),
+        Line2D([], [], ls="", marker="s", mfc="none", mec=DEFAULT_UNIVERSE, markersize=9, label="default"),
+        Line2D([], [], color=PAPERS_NUMBER, label=line),
+        *(Patch(color=c, label=n) for c, n in zip(LEVELS, ("1st level", "2nd", "3rd"), strict=True)),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
@@ -89,12 +94,11 @@ def plot_shares(table: pd.DataFrame) -> Figure:
         part = table[table["design"] == kind].dropna(subset="share")
         place = part["claim"].map(names.index) + shift
         reach = [part["share"] - part["low"], part["high"] - part["share"]]
-        fill = HOLDS if kind == ALONE else "#E69F00"
-        ax.errorbar(part["share"], place, xerr=reach, fmt=shape, color=fill, markersize=4, label=kind)
+        ax.errorbar(part["share"], place, xerr=reach, fmt=shape, color=INK, markersize=4, label=kind)
     ax.set_yticks(range(len(names)), names)
     ax.set(xlim=(-0.03, 1.03), ylim=(-0.7, len(names) - 0.3))
     ax.set_xlabel("share of the evaluable universes in which the claim holds")
-    ax.grid(axis="x", color="#DDDDDD")
+    ax.grid(axis="x", color=GRID)
     ax.set_axisbelow(True)
     figure.legend(loc="outside lower center", ncols=2)
     return figure

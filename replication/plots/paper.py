@@ -5,64 +5,83 @@ from collections.abc import Iterable, Mapping
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
-from matplotlib.patches import Rectangle
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
 
-from replication.plots.style import MARKERS, SAFE, UNSAFE, color, label
+from replication.plots.style import (
+    ANY_CONDITION,
+    BACKGROUND,
+    BORDER,
+    GAMMA_MAP,
+    GUIDE,
+    INK,
+    MARKERS,
+    SAFE,
+    UNSAFE,
+    color,
+    label,
+)
 from srlrepro.dynamics.closed_loop import Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.safety_map import RegionArrays
 from srlrepro.settings.config import Config
 
-GAMMA_MAP = "cividis"
-BOUND_HATCHES = ("", "///", "...")  # of the three terms of Theorem 1
+# The three terms of Theorem 1: text, strength of the colour, hatch.
+BOUND_TERMS = (
+    (r"$\epsilon_n(h, l_n)$", 1.0, ""),
+    (r"$\frac{1}{2} d$, smallest class", 0.55, "///"),
+    (r"$\min\{\mathrm{E}_1, \mathrm{E}_2\}$", 0.25, "..."),
+)
 
 
 def plot_states(ax: Axes, x: Floats, z: Labels, config: Config) -> None:
     """Fig. 2 (a)-(c): joint angle and velocity of the first link, by label."""
-    for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
-        shown = x[z == value]
-        ax.scatter(
-            shown[:, 0], shown[:, 3], s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True
-        )
-    high = np.array(config.paper.state_max)
-    ax.set(xlim=(-1.15 * high[0], 1.15 * high[0]), ylim=(-1.6 * high[3], 1.6 * high[3]))
-    ax.add_patch(
-        Rectangle((-high[0], -high[3]), 2 * high[0], 2 * high[3], fill=False, linestyle=":", color="#777777")
-    )
+    _plot_labels(ax, x[:, [0, 3]], z)
+    angle, rate = config.paper.state_max[0], config.paper.state_max[3]
+    ax.add_patch(Rectangle((-angle, -rate), 2 * angle, 2 * rate, fill=False, linestyle=":", color=GUIDE))
+    ax.set(xlim=(-1.15 * angle, 1.15 * angle), ylim=(-1.6 * rate, 1.6 * rate))
     ax.set(xlabel=r"$\theta_1$ / rad", ylabel=r"$\dot\theta_1$ / (rad/s)")
 
 
-def plot_embedding(ax: Axes, y: Floats, z: Labels) -> None:
-    """Fig. 2 (d)-(f): the simplified states y_i, by label."""
-    for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
-        shown = y[z == value]
-        ax.scatter(
-            shown[:, 0], shown[:, 1], s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True
-        )
-    ax.set(xlabel="$y_1$", ylabel="$y_2$", aspect="equal", adjustable="datalim")
+def plot_embedding(ax: Axes, y: Floats, z: Labels, region: RegionArrays) -> None:
+    """Fig. 2 (d)-(f): the simplified states y_i, by label, on the plane that Γ covers."""
+    _plot_labels(ax, y, z)
+    left, right, bottom, top = _extent(region)
+    ax.set(xlabel="$y_1$", ylabel="$y_2$", xlim=(left, right), ylim=(bottom, top), aspect="equal")
 
 
-def plot_gamma(ax: Axes, region: RegionArrays, p_t: float) -> AxesImage:
-    """Fig. 2 (g)-(i): Γ over the y-plane in colours, and the border of S_y (Γ = p_t)."""
-    side = region.cell * region.gamma.shape[0]
-    (left, bottom), (right, top) = region.origin, region.origin + side
+def plot_gamma(ax: Axes, region: RegionArrays, p_t: float, origin: Floats) -> AxesImage:
+    """Fig. 2 (g)-(i): Γ over the y-plane in colours, the border of S_y (Γ = p_t) and Ψ(0) (origin [2]).
+
+    Returns:
+        The picture, for a bar of its colours.
+    """
     picture = ax.imshow(
-        region.gamma.T, origin="lower", extent=(left, right, bottom, top), cmap=GAMMA_MAP, vmin=0, vmax=1
+        region.gamma.T, origin="lower", extent=_extent(region), cmap=GAMMA_MAP, vmin=0, vmax=1
     )
     centres = region.cell * (np.arange(region.gamma.shape[0]) + 0.5)
     if region.gamma.min() < p_t < region.gamma.max():
-        ax.contour(
-            region.origin[0] + centres,
-            region.origin[1] + centres,
-            region.gamma.T,
-            [p_t],
-            colors="#D55E00",
-            linewidths=1.4,
-        )
+        first, second = region.origin[:, None] + centres
+        ax.contour(first, second, region.gamma.T, [p_t], colors=BORDER, linewidths=1.4)
+    ax.plot([], [], color=BORDER, label=r"border of $\mathcal{S}_y$")
+    ax.plot(*origin, "x", color=INK, markersize=8, markeredgewidth=2, label=r"$\Psi(0)$")
     ax.set(xlabel="$y_1$", ylabel="$y_2$")
     return picture
+
+
+def _extent(region: RegionArrays) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of the y-plane that Γ covers."""
+    (left, bottom), side = region.origin, region.cell * region.gamma.shape[0]
+    return left, left + side, bottom, bottom + side
+
+
+def _plot_labels(ax: Axes, points: Floats, labels: Labels) -> None:
+    for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
+        first, second = points[labels == value].T
+        ax.scatter(first, second, s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True)
 
 
 def plot_learning(ax: Axes, curves: pd.DataFrame, column: str) -> None:
@@ -98,11 +117,21 @@ def plot_counts(ax: Axes, counts: pd.DataFrame, columns: Iterable[tuple[str, str
         for j, (column, hatch) in enumerate(pairs):
             place = i + (j - (len(pairs) - 1) / 2) * width
             mean, fill = group[column].mean(), mpl.colors.to_rgba(color(name), 0.75 if hatch else 1.0)
-            ax.bar(place, mean, width, hatch=hatch, facecolor=fill, edgecolor="white")
+            ax.bar(place, mean, width, hatch=hatch, facecolor=fill, edgecolor=BACKGROUND)
             spread = np.linspace(-0.25, 0.25, len(group)) * width if len(group) > 1 else np.zeros(1)
-            ax.plot(place + spread, group[column], "o", color="black", markersize=2.5)
+            ax.plot(place + spread, group[column], "o", color=INK, markersize=2.5)
+    _name_conditions(ax, names)
+
+
+def counts_legend(kinds: Mapping[str, str]) -> list[Artist]:
+    """Entries of the legend of `plot_counts`; kinds: {text: hatch}."""
+    return [Patch(facecolor=ANY_CONDITION, hatch=h, edgecolor=BACKGROUND, label=t) for t, h in kinds.items()]
+
+
+def _name_conditions(ax: Axes, names: list[str]) -> None:
+    """Name the conditions below their bars, upright where there are many."""
     ax.set_xticks(range(len(names)), [label(n) for n in names])
-    ax.tick_params(axis="x", labelsize=7)
+    ax.tick_params(axis="x", labelsize=7, labelrotation=90 if len(names) > 4 else 0)
 
 
 def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str, str]) -> None:
@@ -117,15 +146,30 @@ def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str,
         cells = table[table["alpha"] == name]
         group, bottom = cells[cells["class"] == stacked], 0.0
         terms = (group["source_error"], group["half_divergence"], group[["e1", "e2"]].min(axis=1))
-        for term, strength, hatch in zip(terms, (1.0, 0.55, 0.25), BOUND_HATCHES, strict=True):
+        for term, (_, strength, hatch) in zip(terms, BOUND_TERMS, strict=True):
             fill = mpl.colors.to_rgba(color(name), strength)
-            ax.bar(i, term.mean(), 0.6, bottom, hatch=hatch, facecolor=fill, edgecolor="white")
+            ax.bar(i, term.mean(), 0.6, bottom, hatch=hatch, facecolor=fill, edgecolor=BACKGROUND)
             bottom += term.mean()
         spread = np.linspace(-0.12, 0.12, len(group)) if len(group) > 1 else np.zeros(1)
-        ax.plot(i + spread, group["bound"], "o", color="black", markersize=3.5, markerfacecolor="none")
-        ax.plot(i + spread, group["error"], "o", color="black", markersize=4, markeredgecolor="white")
+        ax.plot(i + spread, group["bound"], "o", color=INK, markersize=3.5, markerfacecolor="none")
+        ax.plot(i + spread, group["error"], "o", color=INK, markersize=4, markeredgecolor=BACKGROUND)
         for other, marker in marked.items():
             bounds = cells.loc[cells["class"] == other, "bound"]
             ax.plot(i + spread, bounds, marker, color=color(name), markersize=4)
-    ax.axhline(1.0, color="#777777", linestyle=":", linewidth=1.0)
-    ax.set_xticks(range(len(names)), [label(n) for n in names])
+    ax.axhline(1.0, color=GUIDE, linestyle=":", linewidth=1.0)
+    _name_conditions(ax, names)
+
+
+def bound_legend(marked: Mapping[str, str]) -> list[Artist]:
+    """Entries of the legend of `plot_bound`."""
+    bars = [
+        Patch(facecolor=(ANY_CONDITION, strength), hatch=hatch, edgecolor=BACKGROUND, label=text)
+        for text, strength, hatch in BOUND_TERMS
+    ]
+    dots = [("o", INK, INK, "true error"), ("o", INK, "none", "bound, smallest class")]
+    dots += [(m, ANY_CONDITION, ANY_CONDITION, f"bound, {name}") for name, m in marked.items()]
+    marks = [
+        Line2D([], [], marker=m, linestyle="", color=edge, markerfacecolor=fill, markersize=4, label=text)
+        for m, edge, fill, text in dots
+    ]
+    return [*bars, *marks]

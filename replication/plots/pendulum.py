@@ -1,57 +1,49 @@
 """The pendulum moving: animations, and the task of Fig. 1."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from PIL import Image
 
+from replication.plots import provenance
+from replication.plots.style import CORRECTIVE, GUIDE, LINK, STAMP, TARGET, TRACE, ZERO_POSE, fit_note
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.dynamics.rendering import LINK, TARGET, draw_pendulum
+from srlrepro.dynamics.rendering import draw_pendulum
 from srlrepro.learner.trials import Trial
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import beside
 
-CORRECTIVE = "#0072B2"  # the pendulum while K acts
 COLOURS = 64  # of a picture
-
-
-REST = 0.5  # s that the last picture of a trial stays
+FPS = 20  # pictures per second
+REST = 0.5  # s that the last picture stays
 
 
 def animate_trials(
-    path: Path, trials: Sequence[tuple[str, Trial]], task: ThreeLinkCircleEnv, fps: int = 20
+    path: Path, trials: Sequence[tuple[str, Trial]], task: ThreeLinkCircleEnv, note: str = ""
 ) -> None:
-    """Write a GIF in real time with one panel per titled trial, side by side; short trials hold their end."""
-    period, paper = task.rule.control_period, task.config.paper
-    stride = max(1, round(1.0 / (fps * period)))
-    longest = max(len(trial.joints) for _, trial in trials) + round(REST / period)
+    """Write a GIF in real time with one panel per titled trial, side by side; short trials hold their end.
+
+    Args:
+        note: as of `style.save_figure`.
+    """
     figure = Figure(figsize=(3.2 * len(trials), 2.9), dpi=64, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
     parts = []
     for ax, (title, trial) in zip(figure.subplots(1, len(trials), squeeze=False)[0], trials, strict=True):
-        line = draw_pendulum(ax, trial.joints[0], paper)
+        line = draw_pendulum(ax, trial.joints[0], task.config.paper)
         (goal,) = ax.plot([], [], "o", color=TARGET, markersize=5)
-        (trace,) = ax.plot([], [], "-", color="#56B4E9", linewidth=1)
+        (trace,) = ax.plot([], [], "-", color=TRACE, linewidth=1)
         ax.set(xlim=(-2.2, 2.2), ylim=(-0.3, 3.4))
         ax.set_title(title, fontsize=9)
         parts.append((trial, trace, line, goal, ax.text(-2.1, 3.1, "", fontsize=8)))
-    clock = figure.suptitle("t = 0.00 s", fontsize=9)
-    moving: list[Artist] = [clock, *(artist for _, *artists in parts for artist in artists)]
-    for artist in moving:
-        artist.set_animated(True)  # left out of the background, which is drawn only once
-    canvas.draw()
-    background, pictures = canvas.copy_from_bbox(figure.bbox), []
-    for t in range(0, longest, stride):
+
+    def show(t: int) -> None:
         for trial, trace, line, goal, words in parts:
             now = min(t, len(trial.joints) - 1)
             line.set_data(*trial.joints[now].T)
@@ -61,53 +53,85 @@ def animate_trials(
             trace.set_data(*trial.joints[: min(now, trial.steps) + 1, -1].T)
             acting = "K(x) acts" if trial.supervised[now] else "π(x) acts"
             words.set_text(trial.outcome if now == len(trial.joints) - 1 else acting)
-        clock.set_text(f"t = {t * period:.2f} s")
-        canvas.restore_region(background)
-        for artist in moving:
-            figure.draw_artist(artist)
-        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS))
-    with beside(path) as temporary:
-        milliseconds = round(1000 * stride * period)
-        pictures[0].save(temporary, save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0)
+
+    moving: list[Artist] = [artist for _, *artists in parts for artist in artists]
+    longest = max(len(trial.joints) for _, trial in trials)
+    _write(path, figure, moving, show, longest, task.rule.control_period, note)
 
 
 def animate(
-    path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, period: float, fps: int = 20
+    path: Path, clips: Sequence[tuple[str, Floats, str]], paper: Paper, period: float, note: str = ""
 ) -> None:
-    """Write a GIF with one panel per clip, side by side.
+    """Write a GIF with one panel per clip, side by side; short clips hold their end.
 
-    clips: (title, joints [T, 4, 2] m at every control period, colour); shorter clips hold their last frame.
-    period: s between the joints; every frame shows the state nearest to its time.
+    Args:
+        clips: (title, joints [T, 4, 2] m at every control period, colour).
+        period: s between the joints; every picture shows the state nearest to its time.
+        note: as of `style.save_figure`.
     """
-    longest = max(len(joints) for _, joints, _ in clips)
-    stride = max(1, round(1.0 / (fps * period)))
-    size = (3.6 * len(clips), 3.0)
-    figure, axes = plt.subplots(1, len(clips), figsize=size, squeeze=False, layout="constrained")
+    figure = Figure(figsize=(3.6 * len(clips), 3.0), dpi=72, layout="constrained")
     lines = []
-    for ax, (title, joints, color) in zip(axes[0], clips, strict=True):
+    for ax, (title, joints, color) in zip(
+        figure.subplots(1, len(clips), squeeze=False)[0], clips, strict=True
+    ):
         lines.append(draw_pendulum(ax, joints[0], paper, color, circle=False))
         ax.set_title(title, fontsize=10)
-    clock = figure.suptitle("t = 0.00 s", fontsize=10)
 
-    def frame(t: int) -> list[Line2D]:
+    def show(t: int) -> None:
         for line, (_, joints, _) in zip(lines, clips, strict=True):
             line.set_data(*joints[min(t, len(joints) - 1)].T)
-        clock.set_text(f"t = {t * period:.2f} s")
-        return lines
 
-    animation = FuncAnimation(figure, frame, frames=range(0, longest + 10 * stride, stride))
+    _write(path, figure, lines, show, max(len(joints) for _, joints, _ in clips), period, note)
+
+
+def _write(
+    path: Path,
+    figure: Figure,
+    moving: Sequence[Artist],
+    show: Callable[[int], None],
+    longest: int,
+    period: float,
+    note: str,
+) -> None:
+    """Write the GIF of a figure in real time; what does not move is drawn once.
+
+    Args:
+        show: sets what moves to its state at a control period, counted from 0 to ``longest``.
+    """
+    canvas, stride = FigureCanvasAgg(figure), max(1, round(1.0 / (FPS * period)))
+    clock = figure.suptitle("t = 0.00 s", fontsize=9)
+    if note:
+        figure.supxlabel(fit_note(note, figure), color=STAMP, fontsize=7, fontweight="bold")
+    for artist in (clock, *moving):
+        artist.set_animated(True)  # left out of the background
+    canvas.draw()
+    background, pictures = canvas.copy_from_bbox(figure.bbox), []
+    for t in range(0, longest + round(REST / period), stride):
+        show(t)
+        clock.set_text(f"t = {t * period:.2f} s")
+        canvas.restore_region(background)
+        for artist in (clock, *moving):
+            figure.draw_artist(artist)
+        pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS))
+    milliseconds = round(1000 * stride * period)
     with beside(path) as temporary:
-        animation.save(temporary, writer=PillowWriter(fps=round(1.0 / (stride * period))), dpi=72)
-    plt.close(figure)
+        pictures[0].save(
+            temporary,
+            save_all=True,
+            append_images=pictures[1:],
+            duration=milliseconds,
+            loop=0,
+            **{provenance.GIF_KEY: provenance.made_by()},
+        )
 
 
 def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
     """Fig. 1: the zero configuration, a pose with its joint angles (joints [4, 2] each), and the target."""
-    draw_pendulum(ax, zero, paper, color="#BBBBBB", circle=False)
+    draw_pendulum(ax, zero, paper, color=ZERO_POSE, circle=False)
     draw_pendulum(ax, pose, paper)
     before = np.array([0.0, 1.0])
     for i, (start, end) in enumerate(pairwise(pose), start=1):
-        ax.plot(*np.stack([start, start + 0.55 * before]).T, ":", color="#777777", linewidth=1)
+        ax.plot(*np.stack([start, start + 0.55 * before]).T, ":", color=GUIDE, linewidth=1)
         between = before + (end - start) / np.linalg.norm(end - start)
         ax.annotate(
             rf"$\theta_{i}$", start + 0.62 * between / np.linalg.norm(between), ha="center", va="center"
@@ -117,6 +141,6 @@ def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
     arrow = {"arrowstyle": "->", "color": TARGET}
     ax.annotate("", (left + 0.01, height + 0.12), (left, height - 0.06), arrowprops=arrow)
     ax.annotate("target circle", (left - 0.15, height), color=TARGET, ha="right", va="center")
-    ax.annotate("zero configuration,\nend-effector at (0, 3) m", (0.15, 3.2), va="center", color="#777777")
+    ax.annotate("zero configuration,\nend-effector at (0, 3) m", (0.15, 3.2), va="center", color=GUIDE)
     ax.set(xlim=(-1.8, 1.8), ylim=(-0.2, 3.5))
     ax.annotate("$p_e$", (pose[-1, 0] + 0.1, pose[-1, 1]))

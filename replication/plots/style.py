@@ -1,18 +1,59 @@
-"""The paper's figures: one look, one colour per condition, and beside each figure the table it draws."""
+"""One look for every figure: every colour, with its one meaning, and how a figure is written.
 
+Hex codes stand here alone, but for those of the pendulum itself (`srlrepro.dynamics.rendering`).
+"""
+
+import textwrap
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from replication.plots import provenance
+from srlrepro.dynamics.rendering import GROUND as GROUND
+from srlrepro.dynamics.rendering import LINK as LINK
+from srlrepro.dynamics.rendering import TARGET as TARGET
+from srlrepro.settings.condition import NONE
 from srlrepro.storage.files import beside, write_table
 
-COLORS = {"0": "#0072B2", "0.5": "#009E73", "1": "#D55E00", "none": "#4D4D4D"}  # Okabe and Ito
-MARKERS = {"0": "o", "0.5": "s", "1": "^", "none": "D"}
-SAFE, UNSAFE = "#56B4E9", "#AA4499"
+# Conditions: α of the training data, or no supervisor. Okabe and Ito's colours.
+CONDITIONS = {"0": "#0072B2", "0.5": "#009E73", "1": "#D55E00", NONE: "#4D4D4D"}
+MARKERS = {"0": "o", "0.5": "s", "1": "^", NONE: "D"}
+KNOWS_SYSTEM = "#CC79A7"  # a hypothesis that knows the system, whatever α
+ANY_CONDITION = "#666666"  # entries of a legend that hold for all conditions
+
+# States: the label l(x), and the safe region.
+SAFE, UNSAFE = "#56B4E9", "#AA4499"  # K recovers from x, or not
+BORDER = "#00E5FF"  # of S_y, drawn on Γ
+
+# The pendulum; LINK, TARGET and GROUND are handed on from `render`.
+CORRECTIVE = "#E69F00"  # the pendulum while K acts
+TRACE = "#8172D0"  # the path of the end-effector
+ZERO_POSE = "#BBBBBB"  # the pendulum in its zero configuration
+
+# Claims: the state of a contrast.
+SUPPORTS, CONTRADICTS, UNRESOLVED = "#117733", "#882255", "#888888"
+PAPERS_NUMBER = "#8C510A"  # what the paper states, with its tolerance
+
+# The multiverse.
+DEFAULT_UNIVERSE = "#7B3FBF"
+LEVELS = ("#D9D9D9", "#DDCC77", "#332288")  # of a choice: the default, the first and the second alternative
+
+# Around the data.
+INK = "#000000"  # single values: seeds, universes, the origin
+BACKGROUND = "#FFFFFF"  # the page, and what is left open
+GUIDE = "#777777"  # bounds, thresholds, diagonals
+GRID = "#E5E5E5"
+STAMP = "#B00000"  # the note that a figure does not show the full experiment
+
+# Colour maps: of Γ, of α beside those of the paper, of Δ.
+GAMMA_MAP, ALPHA_MAP, DELTA_MAP = "cividis", "cool", "magma"
+
+NOTE_WIDTH = 11  # characters of a note that fit into an inch
 
 
 def use_style() -> None:
@@ -35,39 +76,59 @@ def use_style() -> None:
 
 def color(name: str) -> str:
     """The colour of a condition; other values of α lie between those of the paper."""
-    if name in COLORS:
-        return COLORS[name]
-    return mpl.colors.to_hex(mpl.colormaps["viridis"](0.15 + 0.7 * float(name)))
+    if name in CONDITIONS:
+        return CONDITIONS[name]
+    return mpl.colors.to_hex(mpl.colormaps[ALPHA_MAP](0.15 + 0.7 * float(name)))
+
+
+def delta_colors(count: int) -> list[str]:
+    """As many colours for rising values of Δ."""
+    return [mpl.colors.to_hex(mpl.colormaps[DELTA_MAP](place)) for place in np.linspace(0.0, 0.8, count)]
 
 
 def label(name: str) -> str:
     """The legend's text of a condition."""
-    return "no supervisor" if name == "none" else rf"$\alpha = {name}$"
-
-
-def save_figure(figure: Figure, folder: str | Path, name: str, table: pd.DataFrame) -> None:
-    """Write ``name``.pdf, ``name``.png and ``name``.csv, the table that the figure draws."""
-    for suffix, metadata in (
-        (".pdf", {"CreationDate": None, "Producer": None}),
-        (".png", {"Software": None}),
-    ):
-        with beside(Path(folder) / f"{name}{suffix}") as temporary:
-            figure.savefig(temporary, metadata=metadata)
-    write_table(Path(folder) / f"{name}.csv", table, digits=6)
+    return "no supervisor" if name == NONE else rf"$\alpha = {name}$"
 
 
 def panels(
     count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc"
 ) -> tuple[Figure, list[Axes]]:
-    """A row of panels, lettered as in the paper."""
+    """A row of panels, lettered as in the paper and on from there; no letters if ``letters`` is empty.
+
+    Returns:
+        The figure and its axes, from left to right.
+    """
     figure, axes = plt.subplots(1, count, figsize=(width * count, height), squeeze=False)
     row = list(axes[0])
-    for ax, letter in zip(row, letters, strict=False):
+    for i, ax in enumerate(row if letters else []):
+        letter = letters[i] if i < len(letters) else chr(ord(letters[-1]) + 1 + i - len(letters))
         ax.set_title(f"({letter})", loc="left", fontweight="bold")
     return figure, row
 
 
-def mark_reduced(figure: Figure, note: str) -> None:
-    """Say on the figure that it does not show the full experiment; an empty note says nothing."""
+def fit_note(note: str, figure: Figure) -> str:
+    """The note in lines that are no wider than the figure."""
+    return textwrap.fill(note, round(NOTE_WIDTH * figure.get_figwidth()))
+
+
+def save_figure(figure: Figure, folder: str | Path, name: str, table: pd.DataFrame, note: str = "") -> None:
+    """Write ``name``.pdf and ``name``.png, which say what made them, and ``name``.csv.
+
+    Args:
+        table: what the figure draws.
+        note: stands on the figure and says how it differs from the full experiment; empty if it does not.
+
+    Raises:
+        ResultError: a file cannot be written.
+    """
     if note:
-        figure.suptitle(note, color="#B00000", fontsize=9, fontweight="bold")
+        figure.suptitle(fit_note(note, figure), color=STAMP, fontsize=9, fontweight="bold")
+    made = provenance.made_by()
+    for suffix, metadata in (
+        (".pdf", {"CreationDate": None, "Producer": None, provenance.PDF_KEY: made}),
+        (".png", {"Software": None, provenance.PNG_KEY: made}),
+    ):
+        with beside(Path(folder) / f"{name}{suffix}") as temporary:
+            figure.savefig(temporary, metadata=metadata)
+    write_table(Path(folder) / f"{name}.csv", table, digits=6)

@@ -1,9 +1,10 @@
 """Pictures of the pendulum (Fig. 1, animations, `render`), drawn with matplotlib."""
 
+import time
 from collections.abc import Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.settings.paper import Paper
 
-LINK, TARGET, GROUND = "#333333", "#D55E00", "#999999"
+LINK, TARGET, GROUND = "#333333", "#EE3377", "#999999"
+SIZE = (4.8, 3.6)  # inches
+LONGEST_GAP = 0.2  # s between two pictures of a window that cannot keep up
 
 
 def draw_pendulum(ax: Axes, joints: Floats, paper: Paper, color: str = LINK, circle: bool = True) -> Line2D:
@@ -30,17 +33,36 @@ def draw_pendulum(ax: Axes, joints: Floats, paper: Paper, color: str = LINK, cir
     return line
 
 
+def open_window() -> Figure:
+    """An empty figure in a window.
+
+    Raises:
+        DependencyNotInstalled: matplotlib finds no GUI toolkit, or no display.
+    """
+    import matplotlib.pyplot as plt  # looks for a toolkit, which pictures do not need
+
+    try:
+        figure = plt.figure(figsize=SIZE, layout="constrained")
+        missing = figure.canvas.required_interactive_framework is None
+    except ImportError:
+        missing = True
+    if missing:
+        raise DependencyNotInstalled(
+            f'render_mode="human" needs a display and a GUI toolkit (such as: pip install PyQt6); matplotlib '
+            f'has only {plt.get_backend()}. render_mode="rgb_array" needs neither'
+        )
+    plt.show(block=False)
+    return figure
+
+
 class PendulumView:
-    """One figure that is redrawn for every frame; off-screen unless ``window``."""
+    """One figure that is redrawn for every picture; off-screen unless ``window``."""
 
     def __init__(self, paper: Paper, window: bool = False) -> None:
-        if window:
-            plt.ion()
-            self._figure = plt.figure(figsize=(4.8, 3.6), layout="constrained")
-        else:
-            self._figure = Figure(figsize=(4.8, 3.6), layout="constrained")
+        self._figure = open_window() if window else Figure(figsize=SIZE, layout="constrained")
+        if not window:
             FigureCanvasAgg(self._figure)
-        self._window = window
+        self._began = self._shown = 0.0  # s, on the clock of the machine
         ax = self._figure.add_subplot()
         self._line = draw_pendulum(ax, np.zeros((4, 2)), paper)
         (self._target,) = ax.plot([], [], "o", color=TARGET, label="target $p_d$")
@@ -50,7 +72,7 @@ class PendulumView:
         self._figure.set_layout_engine("none")
 
     def draw(self, joints: Floats, target: Sequence[float], title: str) -> None:
-        """Show the joints [4, 2] and the target (2) in m under a title."""
+        """Set the joints [4, 2] and the target (2) in m, and the title."""
         self._line.set_data(*joints.T)
         self._target.set_data([target[0]], [target[1]])
         self._title.set_text(title)
@@ -62,14 +84,24 @@ class PendulumView:
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
-    def show(self, seconds: float) -> None:
-        """Refresh the window and wait."""
+    def show(self, now: float) -> None:
+        """Show the picture in the window ``now`` (s since the trial started), in real time.
+
+        Waits until then. If it is past, the picture is left out, unless the last one is `LONGEST_GAP` old.
+        """
+        clock = time.perf_counter()
+        if now == 0.0:
+            self._began = clock
+        ahead = self._began + now - clock
+        if ahead < 0 and clock - self._shown < LONGEST_GAP:
+            return
         self._figure.canvas.draw_idle()
-        self._figure.canvas.flush_events()
-        if self._window:
-            plt.pause(seconds)
+        self._figure.canvas.start_event_loop(max(ahead, 1e-3))
+        self._shown = time.perf_counter()
 
     def close(self) -> None:
-        """Release the figure."""
-        if self._window:
+        """Close the window, if there is one."""
+        if self._figure.canvas.manager is not None:
+            import matplotlib.pyplot as plt
+
             plt.close(self._figure)

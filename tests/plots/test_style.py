@@ -10,7 +10,7 @@ from PIL import Image
 
 from replication.plots.paper import plot_bound, plot_counts, plot_learning
 from replication.plots.pendulum import animate
-from replication.plots.style import COLORS, color, mark_reduced, panels, save_figure
+from replication.plots.style import CONDITIONS, color, panels, save_figure
 from srlrepro.dynamics.pendulum import ThreeLinkPendulum
 from srlrepro.settings.config import Config
 
@@ -34,22 +34,21 @@ def test_a_figure_is_vector_raster_and_table_and_deterministic(tmp_path: Path) -
     for folder in (tmp_path / "a", tmp_path / "b"):
         figure, axes = panels(1)
         plot_learning(axes[0], CURVES, "mean_return")
-        mark_reduced(figure, "reduced")
-        save_figure(figure, folder, "fig", CURVES)
+        save_figure(figure, folder, "fig", CURVES, "reduced")
         files.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert sorted(files[0]) == ["fig.csv", "fig.pdf", "fig.png"]
     assert files[0] == files[1]
 
 
 def test_conditions_have_distinct_colours() -> None:
-    assert len(set(COLORS.values())) == len(COLORS)
-    assert color("0.25") not in COLORS.values()
+    assert len(set(CONDITIONS.values())) == len(CONDITIONS)
+    assert color("0.25") not in CONDITIONS.values()
 
 
 def test_every_seed_and_the_mean_are_drawn() -> None:
     _, axes = panels(1)
     plot_learning(axes[0], CURVES, "mean_return")
-    drawn = [tuple(line.get_ydata()) for line in axes[0].lines if line.get_color() == COLORS["0"]]
+    drawn = [tuple(line.get_ydata()) for line in axes[0].lines if line.get_color() == CONDITIONS["0"]]
     assert sorted(drawn) == [(1.0, 2.0), (2.0, 3.0), (3.0, 4.0)]
 
 
@@ -77,6 +76,6 @@ def test_animation_has_a_frame_per_stride_and_holds_its_end(tmp_path: Path) -> N
     x = np.zeros((21, 6))
     x[:, 0] = np.linspace(0, 0.5, 21)
     clip = ("leaning", ThreeLinkPendulum().joints(x), "black")
-    animate(tmp_path / "a.gif", [clip], Config().paper, period=0.05, fps=20)
+    animate(tmp_path / "a.gif", [clip], Config().paper, period=0.05)
     with Image.open(tmp_path / "a.gif") as picture:
         assert picture.n_frames >= 21
