@@ -34,6 +34,8 @@ def copy_sources(folder: Path) -> Path:
     for name in ("srlrepro", "replication", "workflow", "notebooks"):
         ignored = shutil.ignore_patterns("executed", "__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+    (folder / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "figures.toml", folder / "docs")
     (folder / ".venv").symlink_to(sys.prefix)
     _share_compiled(folder)
     return folder

@@ -9,13 +9,16 @@ import argparse
 import fcntl
 import hashlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import venv
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO
 
 from workflow import ROOT
@@ -83,8 +86,13 @@ def run_tests(options: list[str]) -> int:
 
 def make_site() -> int:
     """Write README, REPORT and executed notebooks as pages; returns the exit status."""
-    command = [sys.executable, "-m", "sphinx", "-c", "docs", "-b", "html", "-q", "-W", "--keep-going"]
-    status = subprocess.run([*command, ".", "site"], cwd=ROOT, env=environment()).returncode
+    command = [sys.executable, "-m", "sphinx", "-c", "docs", "-b", "html", "-q", "-W", "--keep-going", "."]
+    with tempfile.TemporaryDirectory(prefix=".site-", dir=ROOT) as place:
+        made = Path(place, "site")
+        status = subprocess.run([*command, str(made)], cwd=ROOT, env=environment()).returncode
+        if status == 0:
+            shutil.rmtree(ROOT / "site", ignore_errors=True)
+            made.rename(ROOT / "site")
     print("Done: site/index.html" if status == 0 else "reproduce.sh: the site was not made; see above")
     return status
 

@@ -183,7 +183,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "few": arguments.quick and bool(arguments.study),
         "command": _command(arguments, alphas, deltas, None if steps == usual else steps),
     }
-    if arguments.name is not None:
+    if arguments.name not in (None, names["name"]):
         check_name(arguments.name)
         check_is_free(planned | {"name": arguments.name})
         planned |= {"name": arguments.name, "look": arguments.name, "cells": arguments.name}

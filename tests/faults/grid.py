@@ -25,7 +25,7 @@ ENDING = 10.0  # s in which all has to end
 
 def shorten(checkout: Path) -> None:
     """Let the target be two notebooks that read all runs, in place of every figure."""
-    snakefile = checkout / "Snakefile"
+    snakefile = checkout / "workflow" / "Snakefile"
     snakefile.write_text(snakefile.read_text().replace("rule all:", "rule everything:") + FEW)
 
 

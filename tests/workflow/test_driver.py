@@ -8,9 +8,32 @@ from pathlib import Path
 
 import pytest
 
-from workflow import driver as reproduce
+from workflow import driver
 
 ROOT = Path(__file__).parents[2]
+
+
+OF_FORM = [
+    (["--fast"], "unrecognized arguments: --fast"),
+    (["--qui"], "unrecognized arguments: --qui"),
+    (["--seeds", "two"], "invalid int value"),
+    (["--limit", "long"], "invalid float value"),
+    (["--quick", "--multiverse", "--hypotheses"], "not allowed with argument"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), OF_FORM)
+def test_a_command_line_of_the_wrong_form_is_one_line_before_anything_is_installed(
+    arguments: list[str], message: str, tmp_path: Path
+) -> None:
+    """On a copy without an environment, with the machine's own Python."""
+    shutil.copytree(ROOT / "workflow", tmp_path / "workflow", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "reproduce.sh").write_bytes((ROOT / "reproduce.sh").read_bytes())
+    before = sorted(tmp_path.rglob("*"))
+    done = subprocess.run(["bash", "reproduce.sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2 and message in done.stderr
+    assert done.stderr.count("\n") == 1 and done.stdout == ""
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize(
@@ -25,35 +48,35 @@ ROOT = Path(__file__).parents[2]
         (["--seeds", "0"], "--seeds = 0"),
         (["--steps", "0"], "--steps = 0"),
         (["--cores", "0"], "--cores = 0"),
-        (["--limit", "0"], "--limit: invalid number of hours in (0, 8766] value: '0'"),
-        (["--limit", "inf"], "--limit: invalid number of hours"),
+        (["--limit", "0"], "--limit = 0.0: must be a number of hours in (0, 8766]"),
+        (["--limit", "inf"], "--limit = inf"),
         (["--set", "p_t=2"], "p_t = 2"),
         (["--set", "colour=red"], "no such parameter"),
         (["--name", "../x"], "--name = ../x"),
-        (["--fast"], "unrecognized arguments: --fast"),
-        (["--qui"], "unrecognized arguments: --qui"),
-        (["--seeds", "two"], "invalid int value"),
+        (["--only", "fig9"], "--only = fig9"),
+        (["--name", "full", "--steps", "5"], "--name = full"),
     ],
 )
-def test_wrong_use_is_one_line_and_writes_nothing(arguments: list[str], message: str, tmp_path: Path) -> None:
-    """On a copy without an environment, with the machine's own Python: nothing is installed first."""
-    shutil.copytree(ROOT / "srlrepro", tmp_path / "srlrepro", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "reproduce.sh").write_bytes((ROOT / "reproduce.sh").read_bytes())
-    before = sorted(tmp_path.rglob("*"))
-    done = subprocess.run(["bash", "reproduce.sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 2 and message in done.stderr
-    assert done.stderr.count("\n") == 1 and done.stdout == ""
-    assert sorted(tmp_path.rglob("*")) == before
+def test_a_wrong_value_is_one_line_and_writes_nothing(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "VENV", Path(sys.prefix))
+    monkeypatch.setattr(driver, "only_one", None)  # from here on something would be written
+    with pytest.raises(SystemExit) as stop:
+        driver.main(arguments)
+    said = capsys.readouterr()
+    assert stop.value.code == 2 and message in said.err
+    assert said.err.count("\n") == 1 and said.out == ""
 
 
 def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
-    with reproduce.only_one():
-        with pytest.raises(SystemExit, match="another"), reproduce.only_one():
+    monkeypatch.setattr(driver, "ROOT", tmp_path)
+    with driver.only_one():
+        with pytest.raises(SystemExit, match="another"), driver.only_one():
             pass
         with (tmp_path / "results" / ".lock").open() as file, pytest.raises(BlockingIOError):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    with reproduce.only_one():
+    with driver.only_one():
         pass
 
 
@@ -61,7 +84,7 @@ def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     ("arguments", "further"),
     [
         ([], []),
-        (["site"], []),
+        (["site"], ["requirements-site.txt"]),
         (["--slurm", "--quick"], ["requirements-slurm.txt"]),
         (["test", "-x"], ["requirements-test.txt"]),
     ],
@@ -71,9 +94,9 @@ def test_each_way_of_use_sets_up_what_it_needs(
 ) -> None:
     asked: list[list[str]] = []
     started: list[list[str]] = []
-    monkeypatch.setattr(reproduce, "VENV", tmp_path)
-    monkeypatch.setattr(reproduce, "set_up", asked.append)
-    monkeypatch.setattr(reproduce.os, "execv", lambda _, command: started.append(command) or sys.exit(0))
+    monkeypatch.setattr(driver, "VENV", tmp_path)
+    monkeypatch.setattr(driver, "set_up", asked.append)
+    monkeypatch.setattr(driver.os, "execv", lambda _, command: started.append(command) or sys.exit(0))
     with pytest.raises(SystemExit):
-        reproduce.main(arguments)
+        driver.main(arguments)
     assert asked == [["requirements.txt", *further]] and started[0][3:] == arguments

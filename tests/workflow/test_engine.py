@@ -10,14 +10,14 @@ import pytest
 from plans import planned
 
 from srlrepro.storage.files import ResultError
-from workflow import engine as workflow
+from workflow import engine
 from workflow.command_line import CORES
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_no_progress_is_told_where_nothing_was_done() -> None:
-    assert not workflow.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
+    assert not engine.follow(io.StringIO("Nothing to be done\n"), io.StringIO())
 
 
 def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str]) -> None:
@@ -25,17 +25,17 @@ def test_progress_names_jobs_time_and_failures(capsys: pytest.CaptureFixture[str
         "noise\n1 of 2 steps (50%) done\nError in rule training_run:\n2 of 2 steps (100%) done\n"
     )
     log = io.StringIO()
-    assert workflow.follow(lines, log)
+    assert engine.follow(lines, log)
     out = capsys.readouterr().out
     assert "2 of 2 jobs" in out and "Error in rule training_run" in out and log.getvalue() == lines.getvalue()
 
 
 def test_jobs_run_here_or_on_slurm() -> None:
-    assert workflow.engine(False, 3) == ["--cores", "3"]
-    assert workflow.engine(False, None) == ["--cores", str(CORES)]
-    assert workflow.engine(True, None) == ["--profile", str(workflow.PROFILE)]
-    assert workflow.engine(True, 7)[2:] == ["--jobs", "7"]
-    assert (workflow.PROFILE / "config.yaml").exists()
+    assert engine.engine(False, 3) == ["--cores", "3"]
+    assert engine.engine(False, None) == ["--cores", str(CORES)]
+    assert engine.engine(True, None) == ["--profile", str(engine.PROFILE)]
+    assert engine.engine(True, 7)[2:] == ["--jobs", "7"]
+    assert (engine.PROFILE / "config.yaml").exists()
 
 
 @pytest.mark.slow
@@ -79,7 +79,25 @@ def test_documents_that_cannot_be_rendered_fail_the_run_in_one_line(
     def missing(name: str) -> None:
         raise ResultError(f"missing result {name}")
 
-    assert workflow.tell("quick") == 0 and capsys.readouterr().out == ""
+    assert engine.tell("quick") == 0 and capsys.readouterr().out == ""
     monkeypatch.setattr("replication.report.refresh", missing)
-    assert workflow.tell("full") == 1
+    assert engine.tell("full") == 1
     assert capsys.readouterr().err.endswith("missing result full\n")
+
+
+def test_the_time_of_results_is_that_of_all_sittings(tmp_path: Path) -> None:
+    file = tmp_path / "run_time.json"
+    for minutes, total, sittings in ((2.0, 2.0, 1), (0.5, 2.5, 2)):
+        timing = engine.add_time(file, minutes, cores=2)
+        assert timing == json.loads(file.read_text())
+        assert (timing["minutes"], timing["sittings"], timing["cores"]) == (total, sittings, 2)
+
+
+def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) -> None:
+    for seed, seconds in enumerate((1800, 3600, 7200)):
+        (tmp_path / f"run_{seed}").mkdir()
+        result = {"run": {"seed": seed}, "provenance": {"seconds": seconds, "peak_memory_mb": 500 + seed}}
+        (tmp_path / f"run_{seed}" / "run.json").write_text(json.dumps(result))
+    assert engine.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
+    assert engine.spent(tmp_path)["trainings"] == 3
+    assert engine.spent(tmp_path / "nowhere", [0])["trainings"] == 0

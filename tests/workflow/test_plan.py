@@ -1,11 +1,17 @@
 """The command line of the driver, and the workflow's configuration that follows from it."""
 
+import shlex
+from pathlib import Path
+
 import pytest
 from plans import planned
 
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.fields import ParameterError
+from srlrepro.storage.files import write_json
+from workflow import ROOT, plan
 from workflow.command_line import STUDIES
+from workflow.plan import LONGEST_NAME
 
 
 def test_the_default_is_the_papers_grid() -> None:
@@ -17,30 +23,91 @@ def test_the_default_is_the_papers_grid() -> None:
 
 def test_quick_differs_in_the_steps_alone_and_says_so() -> None:
     full, quick = planned(), planned("--quick")
-    assert {key for key in full if full[key] != quick[key]} == {"name", "cells", "steps", "note"}
+    different = {"name", "look", "cells", "steps", "note", "command"}
+    assert {key for key in full if full[key] != quick[key]} == different
     assert quick["name"] == "quick" and str(Choices.quick_steps) in str(quick["note"])
 
 
-def test_a_varied_grid_never_replaces_the_papers() -> None:
-    assert planned("--deltas", "2")["name"] == planned("--deltas", "2")["cells"] == "custom"
-    assert planned("--quick", "--set", "k=500", "--name", "k500")["name"] == "k500"
-    with pytest.raises(ParameterError, match="another name"):
-        planned("--seeds", "10", "--name", "full")
+VARIED = [
+    ["--steps", "100000"],
+    ["--steps", "200000"],
+    ["--quick", "--steps", "100001"],
+    ["--set", "p_t=0.5"],
+    ["--set", "p_t=0.6"],
+    ["--set", "gamma_evidence=embedded"],
+    ["--quick", "--set", "p_t=0.5"],
+    ["--steps", "100000", "--set", "p_t=0.5"],
+    [
+        "--set",
+        *(f"{name}=0.7" for name in ("p_t", "gamma_bandwidth", "gamma_prior", "gamma_empty", "clip_range")),
+    ],
+    [
+        "--set",
+        *(f"{name}=0.7" for name in ("p_t", "gamma_bandwidth", "gamma_prior", "gamma_empty", "discount")),
+    ],
+]
 
 
-def test_the_verdicts_larger_set_is_the_papers_grid() -> None:
-    assert planned("--seeds", "10", "--name", "seeds_10")["cells"] == "full"
-    for other in (["--alphas", "0"], ["--steps", "4096"], ["--seeds", "5"], ["--quick", "--seeds", "10"]):
-        with pytest.raises(ParameterError, match="another name"):
-            planned(*other, "--name", "seeds_10")
+def test_results_of_other_values_or_steps_never_share_a_folder() -> None:
+    """Else a run with other steps would be taken for finished, and its figures labelled as this one's."""
+    plans = [planned(), planned("--quick"), *(planned(*arguments) for arguments in VARIED)]
+    assert len({plan["cells"] for plan in plans}) == len({plan["name"] for plan in plans}) == len(plans)
+    assert all(len(str(plan["name"])) <= LONGEST_NAME for plan in plans)
 
 
-def test_grids_with_other_seeds_alone_share_their_runs() -> None:
+def test_a_note_says_what_is_varied() -> None:
+    assert planned("--set", "gamma_evidence=embedded")["note"] == "varied: gamma_evidence=embedded"
+    note = str(planned("--steps", "5", "--set", "k=500")["note"])
+    assert "reduced: 5 of" in note and "varied: k=500" in note
+    assert "longer" in str(planned("--steps", "2000000")["note"])
+
+
+def test_a_further_alpha_or_another_order_shares_the_runs_and_not_the_figures() -> None:
+    full = planned()
+    for alphas in (["0", "0.5", "1", "0.25", "none"], ["none", "1", "0.5", "0"]):
+        grid = planned("--alphas", *alphas)
+        assert grid["cells"] == full["cells"] and grid["look"] != full["look"] != grid["name"]
+    assert planned("--deltas", "2")["cells"] == "full" and planned("--deltas", "2")["name"] == "deltas_2"
+
+
+def test_grids_with_other_seeds_alone_share_their_runs_and_regions() -> None:
     more = planned("--seeds", "10")
-    assert (more["name"], more["cells"]) == ("seeds_10", "full")
-    assert planned("--quick", "--seeds", "2")["cells"] == "quick"
-    for other in (["--steps", "4096"], ["--set", "k=500"], ["--alphas", "0"]):
-        assert planned("--seeds", "10", *other)["cells"] == "custom"
+    assert (more["name"], more["look"], more["cells"]) == ("seeds_10", "full", "full")
+    named = planned("--seeds", "10", "--name", "seeds_10")
+    assert {key for key in more if named[key] != more[key]} == {"command"}
+    fewer = planned("--quick", "--seeds", "2")
+    assert (fewer["name"], fewer["look"], fewer["cells"]) == ("quick__seeds_2", "quick", "quick")
+
+
+@pytest.mark.parametrize("name", ["full", "quick", "multiverse", "seeds_10", "seeds_4"])
+def test_a_varied_grid_takes_no_name_that_is_not_varied(name: str) -> None:
+    with pytest.raises(ParameterError, match="another name"):
+        planned("--deltas", "2", "--name", name)
+
+
+@pytest.mark.parametrize("place", ["results", "figures"])
+def test_a_name_is_of_one_grid(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plan, "ROOT", tmp_path)
+    grid = planned("--steps", "5", "--name", "mine")
+    write_json(tmp_path / place / "mine" / "workflow.json", grid)
+    assert planned("--steps", "5", "--name", "mine") == grid
+    for other in (["--steps", "6"], ["--steps", "5", "--set", "p_t=0.5"], ["--steps", "5", "--deltas", "2"]):
+        with pytest.raises(ParameterError, match="is of another grid") as refusal:
+            planned(*other, "--name", "mine")
+        assert "\n" not in str(refusal.value)
+
+
+def test_the_command_of_a_plan_gives_it_again() -> None:
+    for arguments in ([], ["--quick"], ["--multiverse"], ["--seeds", "10"], ["--deltas", "2", "3"], *VARIED):
+        found = planned(*arguments)
+        assert planned(*shlex.split(str(found["command"]))[1:]) == found
+
+
+@pytest.mark.parametrize("figure", ["fig1_pendulum", "fig2_ghi_safe_region", "fig3_abc_learning"])
+def test_one_figure_is_asked_for_by_its_name(figure: str) -> None:
+    only = planned("--only", figure)
+    assert (ROOT / "notebooks" / f"{only['only']}.ipynb").exists()
+    assert only | {"only": ""} == planned()
 
 
 def test_where_jobs_run_is_no_part_of_what_is_run() -> None:
@@ -53,7 +120,7 @@ def test_a_study_has_its_own_grid_and_name() -> None:
     assert study["steps"] == STUDIES["multiverse"].steps and "reduced" in str(study["note"])
     quick = planned("--hypotheses", "--quick")
     assert (quick["name"], quick["few"], quick["steps"]) == ("hypotheses_quick", True, Choices.quick_steps)
-    assert planned("--multiverse", "--steps", "64")["name"] == "custom"
+    assert planned("--multiverse", "--steps", "64")["name"] == "multiverse__steps_64"
     assert planned()["study"] == "" and planned("--quick")["few"] is False
 
 
