@@ -33,6 +33,29 @@ def claims(arguments: argparse.Namespace) -> None:
     )
 
 
+def provenance(arguments: argparse.Namespace) -> None:
+    """Print what made a figure."""
+    from replication.plots.provenance import lines, read_made_by
+
+    print("\n".join(lines(read_made_by(arguments.figure))))
+
+
+def beside(arguments: argparse.Namespace) -> None:
+    """Join a figure of two variations into one picture, and print their measures side by side."""
+    from replication.documents import FIGURES
+    from replication.plots.comparison import compare_measures, join_pictures
+
+    known = {folder.name for folder in FIGURES.iterdir() if folder.is_dir()}
+    names = arguments.first, arguments.second
+    for name in names:
+        check(name in known, "NAME", name, f"one of {', '.join(sorted(known))}")
+    check(names[0] != names[1], "NAME", names[1], "another than the first")
+    first, second = (FIGURES / name for name in names)
+    table = compare_measures(first, second)
+    join_pictures(first, second, arguments.figure, arguments.out)
+    print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
+
+
 def render(arguments: argparse.Namespace) -> None:
     """Render README.md or REPORT.md from its template and the results."""
     from replication import readme, report
@@ -57,6 +80,13 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--common", type=path, help="the run without a supervisor of the same Δ and seed")
     sub = command("claims", claims, "Evaluate the tests of the paper's claims on tables of measures.")
     sub.add_argument("measures", type=path, nargs="+", metavar="MEASURES", help="tables, or folders of them")
+    sub = command("provenance", provenance, "Print what made a figure.")
+    sub.add_argument("figure", type=path, metavar="FIGURE", help=".png, .pdf or .gif")
+    sub = command("beside", beside, "Lay two variations side by side: a figure, and the final measures.")
+    sub.add_argument("first", metavar="NAME", help="a folder of figures/")
+    sub.add_argument("second", metavar="NAME")
+    sub.add_argument("--figure", default="fig3_abc_learning", help="without suffix")
+    sub.add_argument("--out", type=path, required=True, help="picture to write (.png)")
     for document in ("readme", "report"):
         name = f"{document.upper()}.md"
         sub = command(document, render, f"Render {name} from its template and the results.")

@@ -83,7 +83,7 @@ def color(name: str) -> str:
 
 def delta_colors(count: int) -> list[str]:
     """As many colours for rising values of Δ."""
-    return [mpl.colors.to_hex(mpl.colormaps[DELTA_MAP](place)) for place in np.linspace(0.0, 0.8, count)]
+    return [mpl.colors.to_hex(mpl.colormaps[DELTA_MAP](place)) for place in np.linspace(0.1, 0.8, count)]
 
 
 def label(name: str) -> str:
