@@ -110,7 +110,7 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
             region = learn_hypothesis(None, universe.config, delta=run.delta)
         products = folder / "runs" / run.name
         if not _is_finished(products, run, universe.config, region):
-            (products / "run.json").unlink(missing_ok=True)  # of other values, which `train` would not replace
+            (products / "run.json").unlink(missing_ok=True)  # of other values: `train` would refuse
             train(run, universe.config, region, products, folder / "checkpoints" / f"{run.name}.zip")
         trained, cell = read_run(products), (run.delta, run.seed)
         rows += measure_run(trained, region, None if region is None else free.get(cell))
