@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torque
 from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, as_torque, jit
+from srlrepro.settings.condition import check_share
 from srlrepro.settings.config import Config
-from srlrepro.settings.fields import check
-from srlrepro.storage.files import read_arrays, write_arrays
+from srlrepro.settings.fields import check, check_whole
+from srlrepro.storage.files import ResultError, read_arrays, write_arrays
+from srlrepro.storage.made_of import MadeOf, read_made_of, write_made_of
 
-FORMAT = "srlrepro-training-data-1"
+FORMAT = "srlrepro-training-data-2"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,39 +51,55 @@ class TrainingData:
         z: [k] safety labels l_n(x), 1 = safe.
         n_ud: number of states from UD.
         mnd: the normal distribution that the others were drawn from.
+        made_of: α, seed and values behind them; None for data made by hand.
     """
 
     x: Floats
     z: Labels
     n_ud: int
     mnd: MultivariateNormal
+    made_of: MadeOf | None = None
 
     def save(self, path: Path) -> None:
         """Write as npz (no pickle), beside and renamed."""
-        mean, covariance = self.mnd.mean, self.mnd.covariance
-        write_arrays(path, FORMAT, x=self.x, z=self.z, n_ud=self.n_ud, mean=mean, covariance=covariance)
+        parts = {"x": self.x, "z": self.z, "n_ud": self.n_ud}
+        parts |= {"mean": self.mnd.mean, "covariance": self.mnd.covariance}
+        write_arrays(path, FORMAT, **parts, made_of=write_made_of(self.made_of))
 
     @classmethod
     def load(cls, path: Path) -> "TrainingData":
         """Read what `save` wrote.
 
         Raises:
-            ResultError: the file is missing, truncated or something else.
+            ResultError: the file is missing, truncated or something else, or holds no labelled states.
         """
-        a = read_arrays(path, FORMAT, ("x", "z", "n_ud", "mean", "covariance"))
+        a = read_arrays(path, FORMAT, ("x", "z", "n_ud", "mean", "covariance", "made_of"))
+        try:
+            k = len(as_states(a["x"]))
+            fits = a["z"].shape == (k,) and bool(np.isin(a["z"], (0, 1)).all()) and k >= 2
+            fits = fits and a["mean"].shape == (6,) and a["covariance"].shape == (6, 6)
+            fits = fits and bool(np.isfinite(a["mean"]).all() and np.isfinite(a["covariance"]).all())
+            n_ud = int(a["n_ud"])
+            fits = fits and 0 <= n_ud <= k
+        except (ValueError, TypeError) as error:
+            raise ResultError(f"{path} holds no labelled states: {error}") from error
+        if not fits:
+            raise ResultError(f"{path} holds no labelled states")
         mnd = MultivariateNormal(a["mean"], a["covariance"])
-        return cls(a["x"], a["z"], int(a["n_ud"]), mnd)
+        return cls(a["x"], a["z"], n_ud, mnd, read_made_of(a["made_of"], "data", path))
 
 
 def split(alpha: float, k: int) -> tuple[int, int]:
-    """(|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
+    """The numbers of states that are drawn from UD and from MND.
+
+    Returns:
+        (|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
 
     Raises:
-        ValueError: α outside [0, 1], or k not a whole number of at least 2.
+        ParameterError: α outside [0, 1], or k not a whole number of at least 2.
     """
-    check(isinstance(alpha, (int, float)) and 0 <= alpha <= 1, "alpha", alpha, "a number in [0, 1]")
-    whole = isinstance(k, int) and not isinstance(k, bool)
-    check(whole and k >= 2, "k", k, "a whole number in [2, inf)")
+    check_share(alpha)
+    check_whole("k", k, 2)
     n_ud = int(np.floor(alpha * k + 0.5))
     return n_ud, k - n_ud
 
@@ -154,14 +172,15 @@ def generate(alpha: float, config: Config, seed: int) -> TrainingData:
     𝕏 and with it the MND depend on the seed only, not on α.
 
     Raises:
-        ValueError: α outside [0, 1].
+        ParameterError: α outside [0, 1].
     """
     n_ud, n_mnd = split(alpha, config.paper.k)
     policy_rng, state_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     mnd = MultivariateNormal.fit(visited_states(config, policy_rng))
     ud = sample_uniform(n_ud, config.paper.state_max, state_rng)
     x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, state_rng)])
-    return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd)
+    made_of = MadeOf(alpha, seed, config.until("data"))
+    return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd, made_of)
 
 
 def known_states(data: TrainingData, config: Config) -> tuple[Floats, Labels]:

@@ -34,7 +34,7 @@ def narrow_region() -> SafeRegion:
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, (400, 6)) * np.array([0.3, 0.5, 0.5, 2.0, 4.0, 4.0])
     x[0] = 0.0
-    region = SafeRegion(p_t=0.6, neighbours=8, state_max=Config().paper.state_max)
+    region = SafeRegion(p_t=0.6, psi_neighbours=8, state_max=Config().paper.state_max)
     return region.fit_embedding(x, np.abs(x[:, 0]) < 2 * NARROW_ANGLE, x[:, :2])
 
 

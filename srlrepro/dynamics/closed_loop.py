@@ -6,7 +6,7 @@ means the same thing everywhere. The region of attraction has no closed form; it
 by simulation, with a finite horizon and a small box around upright that counts as recovered.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from srlrepro.dynamics.pendulum import (
     rk4_step,
 )
 from srlrepro.settings.choices import Choices
-from srlrepro.settings.config import Config
+from srlrepro.settings.config import Config, check_parameters
 from srlrepro.settings.paper import Paper
 
 Labels = NDArray[np.int64]
@@ -41,37 +41,36 @@ class RecoveryRule:
 
     Attributes:
         control_period: s; ``substeps``: Runge-Kutta steps per control period.
-        horizon: s, time that K has to recover the system.
-        ground_angle: rad, |θ1| at which the first link lies on the ground.
+        recovery_horizon: s, time that K has to recover the system.
+        theta1_max: rad, |θ1| at which the first link lies on the ground.
         recovered_angle, recovered_rate: rad and rad/s, the box |θ_i|, |θ̇_i| that counts as upright.
         rate_bound: rad/s, |θ̇_i| at which a rollout is given up: the integration is no longer accurate.
+
+    Raises:
+        ParameterError: a value is not allowed.
     """
 
     control_period: float = Choices.control_period
     substeps: int = Choices.substeps
-    horizon: float = Choices.recovery_horizon
-    ground_angle: float = Paper.theta1_max
+    recovery_horizon: float = Choices.recovery_horizon
+    theta1_max: float = Paper.theta1_max
     recovered_angle: float = Choices.recovered_angle
     recovered_rate: float = Choices.recovered_rate
     rate_bound: float = Choices.rate_bound
 
+    def __post_init__(self) -> None:
+        check_parameters(vars(self))
+
     @property
     def periods(self) -> int:
         """Control periods in the horizon."""
-        return round(self.horizon / self.control_period)
+        return round(self.recovery_horizon / self.control_period)
 
     @property
     def limits(self) -> Limits:
         """The rule as `recover` takes it."""
-        dt = self.control_period / self.substeps
-        return (
-            dt,
-            self.substeps,
-            self.ground_angle,
-            self.recovered_angle,
-            self.recovered_rate,
-            self.rate_bound,
-        )
+        dt, box = self.control_period / self.substeps, (self.recovered_angle, self.recovered_rate)
+        return dt, self.substeps, self.theta1_max, *box, self.rate_bound
 
 
 @jit
@@ -183,29 +182,10 @@ class ClosedLoop:
     @classmethod
     def from_config(cls, config: Config, delta: float = 1.0) -> "ClosedLoop":
         """The system with mismatch Δ under K, with the values of a configuration."""
-        p, c = config.paper, config.choices
-        nominal = ThreeLinkPendulum(1.0, p.link_mass, p.link_length, c.gravity)
-        controller = LQG(
-            nominal=nominal,
-            control_period=c.control_period,
-            angle_weight=c.lqr_angle_weight,
-            rate_weight=c.lqr_rate_weight,
-            torque_weight=c.lqr_torque_weight,
-            torque_noise=c.torque_noise,
-            angle_noise=c.angle_noise,
-            rate_noise=c.rate_noise,
-            torque_limit=p.torque_limit,
-        )
-        rule = RecoveryRule(
-            control_period=c.control_period,
-            substeps=c.substeps,
-            horizon=c.recovery_horizon,
-            ground_angle=p.theta1_max,
-            recovered_angle=c.recovered_angle,
-            recovered_rate=c.recovered_rate,
-            rate_bound=c.rate_bound,
-        )
-        return cls(ThreeLinkPendulum(delta, p.link_mass, p.link_length, c.gravity), controller, rule)
+        nominal = ThreeLinkPendulum(**config.arguments_of(ThreeLinkPendulum))
+        controller = LQG(nominal, **config.arguments_of(LQG))
+        rule = RecoveryRule(**config.arguments_of(RecoveryRule))
+        return cls(replace(nominal, delta=delta), controller, rule)
 
     @cached_property
     def kernel_arguments(self) -> tuple[Coefficients, Gains, Limits, int]:

@@ -30,6 +30,7 @@ from scipy.signal import cont2discrete
 
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, jit
 from srlrepro.settings.choices import Choices
+from srlrepro.settings.config import check_parameters
 from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
 
@@ -67,32 +68,29 @@ class LQG:
     Attributes:
         nominal: the system that K is derived from (Δ = 1).
         control_period: sampling period, s.
-        angle_weight, rate_weight: Q = diag(angle_weight I₃, rate_weight I₃), 1/rad² and s²/rad².
-        torque_weight: R = torque_weight I₃, 1/(N·m)².
+        lqr_angle_weight, lqr_rate_weight: Q = diag(angle weight · I₃, rate weight · I₃), 1/rad² and s²/rad².
+        lqr_torque_weight: R = torque weight · I₃, 1/(N·m)².
         torque_noise, angle_noise, rate_noise: σ_w N·m, σ_θ rad, σ_θ̇ rad/s.
         torque_limit: saturation of each torque, N·m.
 
     Raises:
-        ValueError: the "nominal" system has Δ ≠ 1.
+        ParameterError: a value is not allowed, or the "nominal" system has Δ ≠ 1.
     """
 
     nominal: ThreeLinkPendulum = ThreeLinkPendulum()
     control_period: float = Choices.control_period
-    angle_weight: float = Choices.lqr_angle_weight
-    rate_weight: float = Choices.lqr_rate_weight
-    torque_weight: float = Choices.lqr_torque_weight
+    lqr_angle_weight: float = Choices.lqr_angle_weight
+    lqr_rate_weight: float = Choices.lqr_rate_weight
+    lqr_torque_weight: float = Choices.lqr_torque_weight
     torque_noise: float = Choices.torque_noise
     angle_noise: float = Choices.angle_noise
     rate_noise: float = Choices.rate_noise
     torque_limit: float = Paper.torque_limit
 
     def __post_init__(self) -> None:
-        check(
-            self.nominal.delta == 1.0,
-            "nominal.delta",
-            self.nominal.delta,
-            "1: K knows the nominal system only",
-        )
+        check_parameters(vars(self))
+        delta = self.nominal.delta
+        check(delta == 1.0, "nominal.delta", delta, "1: K knows the nominal system only")
 
     def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
         """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
@@ -108,7 +106,8 @@ class LQG:
     @cached_property
     def weights(self) -> tuple[Floats, Floats]:
         """Q [6, 6] and R [3, 3]."""
-        return np.diag([self.angle_weight] * 3 + [self.rate_weight] * 3), self.torque_weight * np.eye(3)
+        q = np.diag([self.lqr_angle_weight] * 3 + [self.lqr_rate_weight] * 3)
+        return q, self.lqr_torque_weight * np.eye(3)
 
     @cached_property
     def noise(self) -> tuple[Floats, Floats]:

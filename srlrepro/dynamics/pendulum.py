@@ -36,6 +36,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from srlrepro.settings.choices import Choices
+from srlrepro.settings.condition import check_delta
+from srlrepro.settings.config import check_parameters
 from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
 
@@ -182,7 +184,7 @@ class ThreeLinkPendulum:
         gravity: m/s².
 
     Raises:
-        ValueError: one of them is not a positive finite number.
+        ParameterError: one of them is not a positive finite number.
     """
 
     delta: float = 1.0
@@ -191,9 +193,8 @@ class ThreeLinkPendulum:
     gravity: float = Choices.gravity
 
     def __post_init__(self) -> None:
-        for name in ("delta", "link_mass", "link_length", "gravity"):
-            value = getattr(self, name)
-            check(math.isfinite(value) and value > 0, name, value, "a finite number > 0")
+        check_delta(self.delta)
+        check_parameters(vars(self))
 
     @property
     def masses(self) -> tuple[float, float, float]:

@@ -3,13 +3,15 @@ r"""The low-dimensional safe region: Γ on a grid over the y-plane, S_y, and the
     P(l(x) = 1) = Γ(y)|_{y = Ψ(x)}                                        (eq. 4)
     S_y = {y : Γ(y) > p_t},   h(x) = 1 if Ψ(x) ∈ S_y, else 0              (eqs. 5, 8)
 
-Γ, a value for each cell of a grid, is estimated in `assessment` from pieces of evidence (e_i, z_i). The
+Γ, a value for each cell of a grid, is estimated in `safety_map` from pieces of evidence (e_i, z_i). The
 evidence of the training state x_i sits at e_i = Ψ₋ᵢ(x_i), where the *other* training states place it ("held
 out"): a new state is placed by Ψ too, and eq. (4) asks for the probability at that place. ("embedded":
 e_i = y_i, where t-SNE, which knows the label, has put it.)
 """
 
 import hashlib
+from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +28,14 @@ from srlrepro.region.safety_map import RegionArrays, discretise, query_batch
 from srlrepro.region.tsne import dissimilarity, embed
 from srlrepro.samplers import TrainingData, known_states
 from srlrepro.settings.choices import Choices
-from srlrepro.settings.config import Config
-from srlrepro.settings.fields import check
+from srlrepro.settings.condition import MOST_SEED
+from srlrepro.settings.config import Config, check_parameters
+from srlrepro.settings.fields import check, check_whole
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import ResultError, read_arrays, write_arrays
+from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, write_made_of
 
-FORMAT = "srlrepro-safe-region-2"
+FORMAT = "srlrepro-safe-region-3"
 
 
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -40,9 +44,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     Args:
         p_t: threshold of eq. (5).
         label_gap, perplexity: δ of Ω, and of t-SNE.
-        neighbours: of Ψ.
-        evidence: "held out" or "embedded"; bandwidth: b in RMS radii of the y_i; prior: c; empty: Γ_0;
-            cells: G.
+        psi_neighbours: of Ψ.
+        gamma_evidence: "held out" or "embedded"; gamma_bandwidth: b in RMS radii of the y_i; gamma_prior: c;
+            gamma_empty: Γ_0; gamma_cells: G.
         state_max: [6] half ranges that scale the states.
         random_state: seed of t-SNE.
 
@@ -51,6 +55,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         evidence_: [k, 2] places e_i of the evidence; labels_: [k] their labels z_i.
         arrays_: `RegionArrays`.
         classes_: [0, 1].
+        made_of_: α, seed and values behind the region; None for one fitted by hand.
     """
 
     def __init__(
@@ -58,44 +63,31 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         p_t: float = Paper.p_t,
         label_gap: float = Choices.label_gap,
         perplexity: float = Choices.perplexity,
-        neighbours: int = Choices.psi_neighbours,
-        evidence: str = Choices.gamma_evidence,
-        bandwidth: float = Choices.gamma_bandwidth,
-        prior: float = Choices.gamma_prior,
-        empty: float = Choices.gamma_empty,
-        cells: int = Choices.gamma_cells,
+        psi_neighbours: int = Choices.psi_neighbours,
+        gamma_evidence: str = Choices.gamma_evidence,
+        gamma_bandwidth: float = Choices.gamma_bandwidth,
+        gamma_prior: float = Choices.gamma_prior,
+        gamma_empty: float = Choices.gamma_empty,
+        gamma_cells: int = Choices.gamma_cells,
         state_max: tuple[float, ...] = Paper().state_max,
         random_state: int = 0,
     ) -> None:
         self.p_t = p_t
         self.label_gap = label_gap
         self.perplexity = perplexity
-        self.neighbours = neighbours
-        self.evidence = evidence
-        self.bandwidth = bandwidth
-        self.prior = prior
-        self.empty = empty
-        self.cells = cells
+        self.psi_neighbours = psi_neighbours
+        self.gamma_evidence = gamma_evidence
+        self.gamma_bandwidth = gamma_bandwidth
+        self.gamma_prior = gamma_prior
+        self.gamma_empty = gamma_empty
+        self.gamma_cells = gamma_cells
         self.state_max = state_max
         self.random_state = random_state
 
     @classmethod
     def from_config(cls, config: Config, seed: int = 0) -> "SafeRegion":
         """An unfitted region with the values of a configuration."""
-        p, c = config.paper, config.choices
-        return cls(
-            p_t=p.p_t,
-            label_gap=c.label_gap,
-            perplexity=c.perplexity,
-            neighbours=c.psi_neighbours,
-            evidence=c.gamma_evidence,
-            bandwidth=c.gamma_bandwidth,
-            prior=c.gamma_prior,
-            empty=c.gamma_empty,
-            cells=c.gamma_cells,
-            state_max=p.state_max,
-            random_state=seed,
-        )
+        return cls(**config.arguments_of(cls), state_max=config.paper.state_max, random_state=seed)
 
     def fit(self, x: ArrayLike, z: ArrayLike, trajectories: ArrayLike) -> "SafeRegion":
         """Learn Ψ and Γ.
@@ -105,8 +97,11 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             z: [k] their labels l_n(x), 0 or 1.
             trajectories: [k, T, 6] closed-loop trajectories of the nominal system from x.
 
+        Returns:
+            The region itself.
+
         Raises:
-            ValueError: shapes or values that are not allowed; p_t outside (0, 1).
+            ParameterError: shapes or values that are not allowed.
         """
         self._check_parameters(len(as_states(x)))
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
@@ -121,36 +116,27 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         check(bool(np.isin(labels, (0, 1)).all()), "z", "other values", "labels 0 or 1")
         check(places.shape == (k, 2), "y", f"shape {places.shape}", f"simplified states of shape [{k}, 2]")
         scale = np.array(self.state_max, dtype=np.float64)
-        neighbours = min(self.neighbours, k - 1)
+        neighbours = int(min(self.psi_neighbours, k - 1))
         x_train = np.ascontiguousarray((states / scale).T)
         held_out = map_states(scale, x_train, places, neighbours, True, states)
         self.classes_ = np.array([0, 1])
         self.embedding_ = places
         self.labels_ = labels.astype(np.int64)
-        self.evidence_ = held_out if self.evidence == "held out" else places
-        grid = discretise(
-            places, self.evidence_, self.labels_, self.bandwidth, self.prior, self.cells, self.empty
-        )
+        self.evidence_ = held_out if self.gamma_evidence == "held out" else places
+        self.made_of_: MadeOf | None = None
+        gamma = self.gamma_bandwidth, self.gamma_prior, self.gamma_cells, self.gamma_empty
+        grid = discretise(places, self.evidence_, self.labels_, *gamma)
         self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid)
         return self
 
     def _check_parameters(self, k: int) -> None:
         """See that the parameters are allowed, and that there are k ≥ 2 training states."""
-        check(isinstance(self.p_t, float) and 0 < self.p_t < 1, "p_t", self.p_t, "a number in (0, 1)")
-        for name, least in (("neighbours", 1), ("cells", 1), ("random_state", 0)):
-            value = getattr(self, name)
-            check(isinstance(value, int) and value >= least, name, value, f"a whole number in [{least}, inf)")
-        for name in ("bandwidth", "prior", "perplexity"):
-            value = getattr(self, name)
-            check(isinstance(value, (float, int)) and 0 < value < np.inf, name, value, "a number in (0, inf)")
-        gap, high = self.label_gap, self.state_max
-        check(isinstance(gap, (float, int)) and 0 <= gap < np.inf, "label_gap", gap, "a number in [0, inf)")
-        empty = self.empty
-        check(isinstance(empty, (float, int)) and 0 <= empty < 1, "empty", empty, "a number in [0, 1)")
-        check(self.evidence in ("held out", "embedded"), "evidence", self.evidence, "held out or embedded")
-        six = isinstance(high, tuple) and len(high) == 6
-        ok = six and all(isinstance(v, (float, int)) and 0 < v < np.inf for v in high)
-        check(ok, "state_max", high, "six numbers in (0, inf)")
+        check_parameters(self.get_params())
+        high, seed = self.state_max, self.random_state
+        ok = isinstance(high, tuple) and len(high) == 6
+        ok = ok and all(isinstance(v, Real) and 0 < v < np.inf for v in high)
+        check(ok, "state_max", high, "a tuple of six numbers in (0, inf)")
+        check_whole("random_state", int(seed) if isinstance(seed, np.integer) else seed, 0, MOST_SEED)
         check(k >= 2, "k", k, "a whole number in [2, inf)")
 
     def transform(self, x: ArrayLike) -> Floats:
@@ -189,7 +175,16 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         check_is_fitted(self)
         arrays: dict[str, Any] = {f"param_{name}": np.array(v) for name, v in self.get_params().items()}
         arrays |= {f"array_{name}": np.array(value) for name, value in self.arrays_._asdict().items()}
-        write_arrays(path, FORMAT, **arrays, evidence=self.evidence_, labels=self.labels_)
+        arrays |= {"evidence": self.evidence_, "labels": self.labels_}
+        write_arrays(path, FORMAT, **arrays, made_of=write_made_of(self._still_made_of()))
+
+    def _still_made_of(self) -> MadeOf | None:
+        """`made_of_`, unless a parameter has been changed since."""
+        if self.made_of_ is None:
+            return None
+        config = Config().with_values(**self.made_of_.values)
+        same = SafeRegion.from_config(config, self.random_state).get_params() == self.get_params()
+        return self.made_of_ if same else None
 
     @classmethod
     def load(cls, path: Path) -> "SafeRegion":
@@ -199,15 +194,15 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             ResultError: the file is missing, truncated, not a region, or holds values that are not allowed.
         """
         params, fields = tuple(cls().get_params()), RegionArrays._fields
-        names = (*(f"param_{n}" for n in params), *(f"array_{n}" for n in fields), "evidence", "labels")
-        stored = read_arrays(path, FORMAT, names)
+        names = (*(f"param_{n}" for n in params), *(f"array_{n}" for n in fields))
+        stored = read_arrays(path, FORMAT, (*names, "evidence", "labels", "made_of"))
         values = {n: stored[f"param_{n}"].tolist() for n in params}
         if isinstance(values["state_max"], list):
             values["state_max"] = tuple(values["state_max"])
         region = cls(**values)
         a = {n: stored[f"array_{n}"] for n in fields}
         labels, evidence = stored["labels"], stored["evidence"]
-        k, cells = labels.size, region.cells
+        k, cells = labels.size, region.gamma_cells
         shapes = {
             "scale": (6,),
             "x_train": (6, k),
@@ -231,7 +226,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         a["neighbours"], a["cell"], a["empty"] = int(a["neighbours"]), float(a["cell"]), float(a["empty"])
         region.arrays_ = RegionArrays(**a)
         region.classes_, region.embedding_ = np.array([0, 1]), a["y_train"]
-        region.evidence_, region.labels_ = stored["evidence"], stored["labels"]
+        region.evidence_, region.labels_ = evidence, labels
+        region.made_of_ = read_made_of(stored["made_of"], "region", path)
+        region.made_of_ = region._still_made_of()
         return region
 
 
@@ -239,10 +236,21 @@ def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegio
     """The safe region of training data: their closed-loop trajectories on the nominal system, Ω, t-SNE, Ψ, Γ.
 
     With ``known_origin`` the origin joins the training states as one more safe state; it comes last.
+
+    Args:
+        seed: of t-SNE.
+
+    Raises:
+        ParameterError: the data were made with other values than those of the configuration.
     """
+    if data.made_of is not None:
+        require_made_of(data.made_of, config, "data", where="the set of training data")
     choices = config.choices
     loop = ClosedLoop.from_config(config)
     x, z = known_states(data, config)
     stride = max(1, round(choices.omega_step / choices.control_period))
     instants = round(choices.omega_horizon / choices.control_period) + 1
-    return SafeRegion.from_config(config, seed).fit(x, z, loop.rollout(x).paths[:, :instants:stride])
+    region = SafeRegion.from_config(config, seed).fit(x, z, loop.rollout(x).paths[:, :instants:stride])
+    if data.made_of is not None:
+        region.made_of_ = replace(data.made_of, values=config.until("region"))
+    return region

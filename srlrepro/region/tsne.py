@@ -17,6 +17,7 @@ from scipy.spatial.distance import pdist, squareform
 
 from srlrepro.dynamics.closed_loop import Labels
 from srlrepro.dynamics.pendulum import Floats
+from srlrepro.settings.config import check_parameters
 from srlrepro.settings.fields import check
 
 
@@ -40,9 +41,9 @@ def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_ga
     """Ω [k, k] of the paths [k, T, 6] and labels z [k]; symmetric, with a zero diagonal.
 
     Raises:
-        ValueError: shapes that do not fit, NaN, or δ < 0.
+        ParameterError: shapes that do not fit, NaN, or a δ that is not allowed.
     """
-    check(label_gap >= 0, "label_gap", label_gap, "a number >= 0")
+    check_parameters({"label_gap": label_gap})
     omega, labels = trajectory_distances(paths, state_max), np.asarray(z)
     check(labels.shape == (len(omega),), "z", f"shape {labels.shape}", f"labels of shape [{len(omega)}]")
     largest = omega.max()

@@ -2,10 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
-from srlrepro.settings.fields import ParameterError, check, one_line
+from srlrepro.settings.fields import ParameterError, check, check_whole, one_line
 
 NONE = "none"  # the text of α where there is no supervisor
+MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
 
 
 def alpha_text(alpha: float | None) -> str:
@@ -29,6 +32,18 @@ def parse_alpha(text: str, name: str = "alpha") -> float | None:
     return abs(value)  # -0 is 0
 
 
+def check_share(alpha: Any) -> None:
+    """Raise `ParameterError` unless α is a share of UD."""
+    ok = isinstance(alpha, Real) and not isinstance(alpha, bool) and 0 <= alpha <= 1
+    check(ok, "alpha", alpha, "a number in [0, 1]")
+
+
+def check_delta(delta: Any) -> None:
+    """Raise `ParameterError` unless Δ is a mass mismatch."""
+    ok = isinstance(delta, Real) and not isinstance(delta, bool) and 0 < delta < math.inf
+    check(ok, "delta", delta, "a finite number > 0")
+
+
 @dataclass(frozen=True)
 class Condition:
     """One cell of the grid.
@@ -47,10 +62,10 @@ class Condition:
     seed: int
 
     def __post_init__(self) -> None:
-        check(self.alpha is None or 0 <= self.alpha <= 1, "alpha", self.alpha, "a number in [0, 1], or none")
-        check(0 < self.delta < math.inf, "delta", self.delta, "a finite number > 0")
-        whole = isinstance(self.seed, int) and self.seed >= 0
-        check(whole, "seed", self.seed, "a whole number in [0, inf)")
+        if self.alpha is not None:
+            check_share(self.alpha)
+        check_delta(self.delta)
+        check_whole("seed", self.seed, 0, MOST_SEED)
 
     @property
     def alpha_text(self) -> str:

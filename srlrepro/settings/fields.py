@@ -1,13 +1,24 @@
-"""Parameters that know their unit, their allowed values and where they come from.
+"""Parameters that know their stage, unit, allowed values and where they come from.
 
-This module, `paper`, `choices` and `config` need only the standard library, so that a command line can be
-checked before anything is installed.
+The *stage* of a parameter is the first of `STAGES` whose results depend on it; the later ones then do so too.
+
+All modules of settings need only the standard library, so that a command line can be checked before anything
+is installed.
 """
 
 import math
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
+from numbers import Integral, Number, Real
 from typing import Any
 
+STAGES = {  # in their order: what is made there
+    "physics": "the pendulum under K, and all that follows",
+    "data": "the training data, and all that follows",
+    "region": "Ψ, Γ and S_y, and the training runs under them",
+    "task": "the learner's environment and its supervisor, and so the training runs",
+    "learner": "the training runs alone",
+    "none": "no result",
+}
 LONGEST, LONGEST_MESSAGE = 200, 2000  # characters of a value that a message repeats, and of a message
 LARGEST_WHOLE = 2**53  # up to here floating-point numbers tell whole numbers apart
 
@@ -35,42 +46,45 @@ def check(ok: bool, name: str, value: object, allowed: str) -> None:
         raise ParameterError(f"{one_line(name)} = {one_line(value)}: must be {allowed}")
 
 
-def stated(default: Any, allowed: str, unit: str, meaning: str, place: str) -> Any:
+def stated(stage: str, default: Any, allowed: str, unit: str, meaning: str, place: str) -> Any:
     """A field of `Paper`; ``allowed`` is an interval such as ``(0, 1]``, or names separated by ``|``."""
-    return field(
-        default=default, metadata={"allowed": allowed, "unit": unit, "meaning": meaning, "place": place}
-    )
+    known = {"stage": stage, "allowed": allowed, "unit": unit, "meaning": meaning, "place": place}
+    return field(default=default, metadata=known)
 
 
-def chosen(default: Any, allowed: str, unit: str, meaning: str, reason: str) -> Any:
+def chosen(stage: str, default: Any, allowed: str, unit: str, meaning: str, reason: str) -> Any:
     """A field of `Choices`; as `stated`, with the reason of the choice instead of a place."""
-    return field(
-        default=default, metadata={"allowed": allowed, "unit": unit, "meaning": meaning, "reason": reason}
-    )
+    known = {"stage": stage, "allowed": allowed, "unit": unit, "meaning": meaning, "reason": reason}
+    return field(default=default, metadata=known)
+
+
+def check_field(f: "Field[Any]", value: Any) -> None:
+    """Raise `ParameterError` unless a value is allowed for a field that `stated` or `chosen` made."""
+    allowed, whole = f.metadata["allowed"], f.type is int
+    if f.type is str:
+        check(value in allowed.split("|"), f.name, value, f"one of {allowed.replace('|', ', ')}")
+        return
+    if f.type is bool:
+        check(isinstance(value, bool), f.name, value, "true or false")
+        return
+    kind = f"a {'whole ' if whole else ''}number in {allowed}"
+    ok = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    check(ok, f.name, value, kind)
+    if isinstance(value, Integral):
+        check(abs(value) <= LARGEST_WHOLE, f.name, value, f"{kind}, at most {LARGEST_WHOLE}")
+    low, high = (float(bound) for bound in allowed[1:-1].split(","))
+    above = value >= low if allowed[0] == "[" else value > low
+    below = value <= high if allowed[-1] == "]" else value < high
+    check(math.isfinite(value) and above and below, f.name, value, kind)
 
 
 def check_fields(values: Any) -> None:
+    """Check every field of a `Paper` or `Choices`; numbers of other libraries become Python's own."""
     for f in fields(values):
-        value, allowed = getattr(values, f.name), f.metadata["allowed"]
-        if f.type is str:
-            check(value in allowed.split("|"), f.name, value, f"one of {allowed.replace('|', ', ')}")
-            continue
-        if f.type is bool:
-            check(isinstance(value, bool), f.name, value, "true or false")
-            continue
-        whole = f.type is int
-        kind = "a whole number in" if whole else "a number in"
-        numeric = isinstance(value, int if whole else (int, float)) and not isinstance(value, bool)
-        if numeric and isinstance(value, int):
-            check(abs(value) <= LARGEST_WHOLE, f.name, value, f"{kind} {allowed}, at most {LARGEST_WHOLE}")
-        low, high = (float(bound) for bound in allowed[1:-1].split(","))
-        ok = (
-            numeric
-            and math.isfinite(value)
-            and (value >= low if allowed[0] == "[" else value > low)
-            and (value <= high if allowed[-1] == "]" else value < high)
-        )
-        check(ok, f.name, value, f"{kind} {allowed}")
+        value = getattr(values, f.name)
+        check_field(f, value)
+        if isinstance(value, Number) and type(value) not in (int, float, bool):
+            object.__setattr__(values, f.name, f.type(value))
 
 
 def check_whole(name: str, value: Any, least: int, most: int = LARGEST_WHOLE) -> None:

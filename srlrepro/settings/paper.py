@@ -10,31 +10,38 @@ from srlrepro.settings.fields import check, check_fields, stated
 class Paper:
     """Values stated by the paper; the metadata of each field names the place."""
 
-    link_length: float = stated(1.0, "(0, inf)", "m", "length of each link", "Sec. IV-A")
-    link_mass: float = stated(1.0, "(0, inf)", "kg", "nominal mass of each link", "Sec. IV-A")
-    torque_limit: float = stated(100.0, "(0, inf)", "N·m", "largest torque of each joint", "Sec. IV-A")
-    circle_height: float = stated(2.7, "(-inf, inf)", "m", "height of the circle's centre (0, 2.7)", "Fig. 1")
-    circle_radius: float = stated(0.3, "(0, inf)", "m", "radius r of the target circle", "Fig. 1")
-    circle_speed: float = stated(math.pi, "(0, inf)", "rad/s", "angular velocity of the target", "Sec. IV-A")
-    theta1_max: float = stated(math.pi / 2, "(0, inf)", "rad", "UD range of θ1; the ground", "App. C")
-    theta23_max: float = stated(math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3", "App. C")
-    rate1_max: float = stated(10.0, "(0, inf)", "rad/s", "UD range of θ̇1", "App. C")
-    rate23_max: float = stated(20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3", "App. C")
-    k: int = stated(1000, "[4, inf)", "", "number of training states", "Sec. IV-B")
-    p_t: float = stated(0.8, "(0, 1)", "", "probability threshold of S_y, eq. (5)", "Sec. IV-A")
-    reward_constant: float = stated(2.0, "(-inf, inf)", "", "R_c, reward for being safe", "App. C")
-    reward_slope: float = stated(10.0, "[0, inf)", "1/m", "penalty per distance to the target", "App. C")
-    n_steps: int = stated(2048, "[2, inf)", "", "PPO: steps per update", "App. C")
-    n_minibatches: int = stated(128, "[1, inf)", "", "PPO: minibatches per epoch", "App. C")
-    n_epochs: int = stated(10, "[1, inf)", "", "PPO: epochs per update", "App. C")
-    learning_rate: float = stated(1e-4, "(0, inf)", "", "PPO: learning rate", "App. C")
-    vf_coef: float = stated(1.0, "[0, inf)", "", "PPO: value loss coefficient", "App. C")
-    max_grad_norm: float = stated(10.0, "(0, inf)", "", "PPO: gradient norm clipping", "App. C")
-    discount: float = stated(0.99, "[0, 1]", "", "PPO: discount γ", "App. C")
-    gae_lambda: float = stated(0.95, "[0, 1]", "", "PPO: advantage discount λ", "App. C")
-    ent_coef: float = stated(0.0, "[0, inf)", "", "PPO: entropy coefficient", "App. C")
-    hidden_layers: int = stated(2, "[1, 8]", "", "hidden layers of the networks", "App. C")
-    hidden_width: int = stated(128, "[1, 4096]", "", "neurons per hidden layer", "App. C")
+    # fmt: off
+    link_length: float = stated("physics", 1.0, "(0, inf)", "m", "length of each link", "Sec. IV-A")
+    link_mass: float = stated("physics", 1.0, "(0, inf)", "kg", "nominal mass of each link", "Sec. IV-A")
+    torque_limit: float = stated("physics", 100.0, "(0, inf)", "N·m", "largest torque of each joint",
+        "Sec. IV-A")
+    circle_height: float = stated("task", 2.7, "(-inf, inf)", "m", "height of the circle's centre (0, 2.7)",
+        "Fig. 1")
+    circle_radius: float = stated("task", 0.3, "(0, inf)", "m", "radius r of the target circle", "Fig. 1")
+    circle_speed: float = stated("task", math.pi, "(0, inf)", "rad/s", "angular velocity of the target",
+        "Sec. IV-A")
+    theta1_max: float = stated("physics", math.pi / 2, "(0, inf)", "rad", "UD range of θ1; the ground",
+        "App. C")
+    theta23_max: float = stated("data", math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3", "App. C")
+    rate1_max: float = stated("data", 10.0, "(0, inf)", "rad/s", "UD range of θ̇1", "App. C")
+    rate23_max: float = stated("data", 20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3", "App. C")
+    k: int = stated("data", 1000, "[4, inf)", "", "number of training states", "Sec. IV-B")
+    p_t: float = stated("region", 0.8, "(0, 1)", "", "probability threshold of S_y, eq. (5)", "Sec. IV-A")
+    reward_constant: float = stated("task", 2.0, "(-inf, inf)", "", "R_c, reward for being safe", "App. C")
+    reward_slope: float = stated("task", 10.0, "[0, inf)", "1/m", "penalty per distance to the target",
+        "App. C")
+    n_steps: int = stated("learner", 2048, "[2, inf)", "", "PPO: steps per update", "App. C")
+    n_minibatches: int = stated("learner", 128, "[1, inf)", "", "PPO: minibatches per epoch", "App. C")
+    n_epochs: int = stated("learner", 10, "[1, inf)", "", "PPO: epochs per update", "App. C")
+    learning_rate: float = stated("learner", 1e-4, "(0, inf)", "", "PPO: learning rate", "App. C")
+    vf_coef: float = stated("learner", 1.0, "[0, inf)", "", "PPO: value loss coefficient", "App. C")
+    max_grad_norm: float = stated("learner", 10.0, "(0, inf)", "", "PPO: gradient norm clipping", "App. C")
+    discount: float = stated("learner", 0.99, "[0, 1]", "", "PPO: discount γ", "App. C")
+    gae_lambda: float = stated("learner", 0.95, "[0, 1]", "", "PPO: advantage discount λ", "App. C")
+    ent_coef: float = stated("learner", 0.0, "[0, inf)", "", "PPO: entropy coefficient", "App. C")
+    hidden_layers: int = stated("learner", 2, "[1, 8]", "", "hidden layers of the networks", "App. C")
+    hidden_width: int = stated("learner", 128, "[1, 4096]", "", "neurons per hidden layer", "App. C")
+    # fmt: on
 
     def __post_init__(self) -> None:
         check_fields(self)

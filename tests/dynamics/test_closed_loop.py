@@ -69,7 +69,7 @@ def plain_rollout(closed: ClosedLoop, x: Floats) -> tuple[int, list[Floats]]:
     (a, b), xbar, path = k.model, x.copy(), [x]
 
     def ground(_: float, s: Floats) -> float:
-        return rule.ground_angle - abs(s[0])
+        return rule.theta1_max - abs(s[0])
 
     ground.terminal = True  # type: ignore[attr-defined]
     for _ in range(rule.periods):
@@ -157,7 +157,7 @@ def test_from_the_recovered_box_the_system_converges(delta: float, rng: np.rando
     corners = np.array(list(product((-1.0, 1.0), repeat=6)))
     faces = rng.uniform(-1, 1, (200, 6))
     faces /= np.abs(faces).max(axis=1, keepdims=True)
-    strict = loop(delta, horizon=20.0, recovered_angle=1e-7, recovered_rate=1e-6)
+    strict = loop(delta, recovery_horizon=20.0, recovered_angle=1e-7, recovered_rate=1e-6)
     assert strict.predict(np.concatenate([corners, faces]) * half).all()
 
 
@@ -168,7 +168,7 @@ def test_a_recovery_that_takes_too_long_is_none() -> None:
     assert seconds > 5 * period
     answers = {seconds: RECOVERED, seconds - period: NOT_RECOVERED, period: NOT_RECOVERED}
     for horizon, outcome in answers.items():
-        found = loop(horizon=horizon).rollout(state)
+        found = loop(recovery_horizon=horizon).rollout(state)
         assert found.outcomes[0] == outcome
         assert found.durations[0] == pytest.approx(horizon)
 
@@ -210,7 +210,7 @@ def test_bad_states_are_refused(bad: Floats) -> None:
 
 
 def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
-    closed = loop(horizon=0.3)
+    closed = loop(recovery_horizon=0.3)
     coefficients, gains, limits, periods = closed.kernel_arguments
     on_the_ground, falling, fast = [pi / 2, 0, 0, 0, 0, 0], [1.56, 0, 0, 5, 0, 0], [0, 0, 0, 0, 0, 1e4]
     near = [0.12, 0, 0, 0, 0, 0]

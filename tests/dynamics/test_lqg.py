@@ -9,7 +9,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from srlrepro.dynamics.lqg import LQG, lqg_update
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
 
-CONTROLLERS = [LQG(), LQG(control_period=0.02, angle_weight=1.0, torque_weight=0.1, torque_noise=1.0)]
+CONTROLLERS = [LQG(), LQG(control_period=0.02, lqr_angle_weight=1.0, lqr_torque_weight=0.1, torque_noise=1.0)]
 DELTAS = (1.0, 1.1, 1.5, 4.0)
 Update = Callable[..., None]
 
@@ -98,7 +98,7 @@ def test_upright_is_stable_for_every_mismatch(delta: float) -> None:
 
 
 def test_a_weak_regulator_loses_the_heavy_system() -> None:
-    assert LQG(angle_weight=1.0).spectral_radius(ThreeLinkPendulum(4.0)) > 1.0
+    assert LQG(lqr_angle_weight=1.0).spectral_radius(ThreeLinkPendulum(4.0)) > 1.0
 
 
 @pytest.mark.parametrize("update", [lqg_update, lqg_update.py_func], ids=["compiled", "source"])

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_gamma_is_monotone_in_evidence(prior: float, rng: np.random.Generator) -
 
 def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...]) -> None:
     x, _, y = example
-    region = SafeRegion(bandwidth=0.05, prior=0.1, p_t=0.3).fit_embedding(x, np.ones(30, int), y)
+    region = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.1, p_t=0.3).fit_embedding(x, np.ones(30, int), y)
     safe = region.arrays_.gamma > region.p_t
     assert safe.any()
     assert not safe.all()
@@ -59,7 +59,9 @@ def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...])
     assert corner.max() < 0.05
     far = kernel_estimate(np.array([[1e3, -1e3]]), region.evidence_, region.labels_, 0.1, 0.1)
     assert far[0] == 0.0
-    hopeful = SafeRegion(bandwidth=0.05, prior=0.1, empty=0.5).fit_embedding(x, np.ones(30, int), y)
+    hopeful = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.1, gamma_empty=0.5).fit_embedding(
+        x, np.ones(30, int), y
+    )
     assert hopeful.arrays_.gamma.min() >= 0.5
 
 
@@ -85,20 +87,20 @@ def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned)
     region = small[1]
     a = region.arrays_
     spread = region.embedding_ - region.embedding_.mean(axis=0)
-    bandwidth = region.bandwidth * np.sqrt((spread**2).sum(axis=1).mean())
-    cells = np.random.default_rng(0).integers(0, region.cells, (200, 2))
+    bandwidth = region.gamma_bandwidth * np.sqrt((spread**2).sum(axis=1).mean())
+    cells = np.random.default_rng(0).integers(0, region.gamma_cells, (200, 2))
     centres = a.origin + a.cell * (cells + 0.5)
     found = [look_up(a, *y) for y in centres]
-    expected = kernel_estimate(centres, region.evidence_, region.labels_, bandwidth, region.prior)
+    expected = kernel_estimate(centres, region.evidence_, region.labels_, bandwidth, region.gamma_prior)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
-    inside = (region.embedding_ >= a.origin) & (region.embedding_ <= a.origin + a.cell * region.cells)
+    inside = (region.embedding_ >= a.origin) & (region.embedding_ <= a.origin + a.cell * region.gamma_cells)
     assert inside.all()
 
 
 def test_evidence_lies_where_the_other_states_place_it(example: tuple[Floats, ...]) -> None:
     x, z, y = example
-    held_out = SafeRegion(evidence="held out", neighbours=3).fit_embedding(x, z, y)
-    np.testing.assert_array_equal(SafeRegion(evidence="embedded").fit_embedding(x, z, y).evidence_, y)
+    held_out = SafeRegion(gamma_evidence="held out", psi_neighbours=3).fit_embedding(x, z, y)
+    np.testing.assert_array_equal(SafeRegion(gamma_evidence="embedded").fit_embedding(x, z, y).evidence_, y)
     scaled = np.ascontiguousarray((x / HIGH).T)
     np.testing.assert_array_equal(held_out.evidence_, map_states(HIGH, scaled, y, 3, True, x))
     assert (held_out.evidence_ != y).any(axis=1).all()
@@ -168,7 +170,7 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
         omega_horizon=1.0,
         theta23_max=3.0,
     )
-    region = learn_region(small[0], config, seed=7)
+    region = learn_region(replace(small[0], made_of=None), config, seed=7)
     expected = SafeRegion(0.6, 0.5, 20.0, 5, "embedded", 0.3, 2.0, 0.3, 64, config.paper.state_max, 7)
     assert region.get_params() == expected.get_params()
     assert len(region.labels_) == len(small[0].z)
@@ -201,7 +203,7 @@ def test_states_of_any_finite_size_have_a_place_and_a_label(small: Learned) -> N
 
 def test_identical_simplified_states_are_one_place(example: tuple[Floats, ...]) -> None:
     x, z, _ = example
-    region = SafeRegion(prior=1.0).fit_embedding(x, z, np.zeros((30, 2)))
+    region = SafeRegion(gamma_prior=1.0).fit_embedding(x, z, np.zeros((30, 2)))
     np.testing.assert_allclose(region.safety(x[:3]), z.sum() / 31, rtol=1e-2)
 
 

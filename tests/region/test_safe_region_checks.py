@@ -9,10 +9,12 @@ import pytest
 from learned import Learned
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
+from sklearn.model_selection import GridSearchCV
 
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.safe_region import FORMAT, SafeRegion
-from srlrepro.settings.config import Config
+from srlrepro.settings.config import PARAMETERS, Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError, write_arrays
 
 Draw = Callable[..., Floats]
@@ -73,13 +75,17 @@ def test_parts_that_do_not_fit_together_are_refused(small: Learned, tmp_path: Pa
 
 
 BAD_PARAMETERS: dict[str, list[Any]] = {
-    "p_t": [0.0, 1.0, -0.5, 1.5, np.nan],
-    "neighbours": [0, -1, 2.5],
-    "bandwidth": [0.0, -0.1, np.nan],
-    "prior": [0.0, -1.0, np.nan],
-    "cells": [0, -3],
-    "evidence": ["elsewhere"],
-    "state_max": [(0.0, *HIGH[1:]), tuple(HIGH[:5])],
+    "p_t": [0.0, 1.0, -0.5, 1.5, np.nan, "0.8", None],
+    "label_gap": [-0.1, 10.5],
+    "perplexity": [0.5, np.inf],
+    "psi_neighbours": [0, -1, 2.5, 201, True, np.float64(3.0)],
+    "gamma_bandwidth": [0.0, -0.1, np.nan, 1.5],
+    "gamma_prior": [0.0, -1.0, np.nan],
+    "gamma_empty": [-0.1, 1.0],
+    "gamma_cells": [0, -3, 7, 1025],
+    "gamma_evidence": ["elsewhere"],
+    "state_max": [(0.0, *HIGH[1:]), tuple(HIGH[:5]), list(HIGH)],
+    "random_state": [-1, 2**32, 0.5, None],
 }
 
 
@@ -87,6 +93,39 @@ BAD_PARAMETERS: dict[str, list[Any]] = {
 def test_bad_parameters_are_refused_by_name(example: tuple[Floats, ...], name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"{name} = "):
         SafeRegion(**{name: value}).fit_embedding(*example)
+
+
+def test_bounds_are_those_of_the_configuration(example: tuple[Floats, ...]) -> None:
+    for name in SafeRegion.from_config(Config()).get_params().keys() & PARAMETERS.keys():
+        for value in ("x", -1e9, 1e9):
+            with pytest.raises(ParameterError) as by_config:
+                Config().with_values(**{name: value})
+            with pytest.raises(ParameterError) as by_region:
+                SafeRegion(**{name: value}).fit_embedding(*example)
+            assert str(by_region.value) == str(by_config.value)
+
+
+def test_numbers_of_numpy_are_numbers(example: tuple[Floats, ...], tmp_path: Path) -> None:
+    """A grid search hands them over."""
+    values = {"psi_neighbours": 5, "gamma_cells": 20, "gamma_bandwidth": 0.5, "p_t": 0.25, "random_state": 3}
+    plain = SafeRegion(**values).fit_embedding(*example)
+    given = {n: np.int64(v) if isinstance(v, int) else np.float32(v) for n, v in values.items()}
+    region = SafeRegion(**given).fit_embedding(*example)
+    np.testing.assert_array_equal(region.safety(example[0]), plain.safety(example[0]))
+    region.save(tmp_path / "region.npz")
+    assert SafeRegion.load(tmp_path / "region.npz").get_params() == plain.get_params()
+    found = GridSearchCV(
+        _Embedded(), {"psi_neighbours": np.array([1, 3]), "p_t": np.linspace(0.2, 0.4, 2)}, cv=2
+    )
+    assert found.fit(*example[:2]).best_params_["psi_neighbours"] in (1, 3)
+
+
+class _Embedded(SafeRegion):
+    """A region whose y are the first two coordinates, so that it needs no trajectories."""
+
+    def fit(self, x: Floats, z: Floats) -> "_Embedded":  # type: ignore[override]
+        self.fit_embedding(x, z, x[:, :2])
+        return self
 
 
 def test_bad_training_data_are_refused_by_name(example: tuple[Floats, ...]) -> None:
@@ -113,11 +152,11 @@ def test_a_single_state_is_no_dataset(example: tuple[Floats, ...]) -> None:
 
 
 def test_sklearns_conventions(example: tuple[Floats, ...]) -> None:
-    region = SafeRegion(p_t=0.7, neighbours=3)
+    region = SafeRegion(p_t=0.7, psi_neighbours=3)
     assert region.get_params()["p_t"] == 0.7
     assert clone(region).get_params() == region.get_params()
-    assert region.set_params(prior=2.0) is region
-    assert region.prior == 2.0
+    assert region.set_params(gamma_prior=2.0) is region
+    assert region.gamma_prior == 2.0
     for call in (region.transform, region.safety, region.predict_proba, region.predict, region.save):
         with pytest.raises(NotFittedError):
             call(np.zeros((1, 6)))

@@ -1,16 +1,19 @@
 """The configuration: every value has its source, every bad value a message, and nothing changes in place."""
 
 import itertools
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import FrozenInstanceError, fields
+from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
 
 from srlrepro.settings.choices import Choices
-from srlrepro.settings.config import Config, parse_settings, parse_value
-from srlrepro.settings.fields import ParameterError, check
+from srlrepro.settings.config import Config, check_parameters, parse_settings, parse_value
+from srlrepro.settings.fields import STAGES, ParameterError, check
 from srlrepro.settings.paper import Paper
 
 FIELDS = [f for part in (Paper, Choices) for f in fields(part)]
@@ -45,7 +48,8 @@ def outside(field: Any) -> Iterator[Any]:
 @pytest.mark.parametrize("field", FIELDS, ids=by_name)
 def test_every_value_has_a_meaning_a_unit_and_a_source(field: Any) -> None:
     source = "place" if field in fields(Paper) else "reason"
-    assert set(field.metadata) == {"allowed", "unit", "meaning", source}
+    assert set(field.metadata) == {"stage", "allowed", "unit", "meaning", source}
+    assert field.metadata["stage"] in STAGES
     for key in ("allowed", "meaning", source):
         assert field.metadata[key].strip()
         assert "TODO" not in field.metadata[key]
@@ -141,6 +145,22 @@ def test_every_default_survives_being_written_and_parsed(field: Any) -> None:
     assert value == field.default
     assert type(value) is field.type
     assert parse_settings([f"{field.name}={text}"]) == {field.name: field.default}
+
+
+def test_numbers_of_other_libraries_become_pythons_own() -> None:
+    config = Config().with_values(k=np.int64(7), p_t=np.float32(0.5), gravity=Fraction(39, 4))
+    assert json.loads(json.dumps(config.as_dict())) == config.as_dict()
+    assert (config.paper.k, config.paper.p_t, config.choices.gravity) == (7, 0.5, 9.75)
+
+
+def test_classes_check_and_take_the_parameters_that_they_name() -> None:
+    class Thing:
+        def __init__(self, k: int, gravity: float, speed: float = 0.0) -> None: ...
+
+    assert Config().arguments_of(Thing) == {"k": 1000, "gravity": 9.81}
+    check_parameters({"k": 7, "speed": "any"})
+    with pytest.raises(ParameterError, match=r"^k = 1: must be a whole number in"):
+        check_parameters({"k": 1, "speed": "any"})
 
 
 def test_several_settings_are_taken_together() -> None:
