@@ -135,7 +135,7 @@ def _floor(learner: Learner, count: int) -> None:
 
 def floor(model: CompiledPPO, count: int) -> Work:
     """The matrix products of so many gradient steps and as many passes of Adam, and nothing else."""
-    learner = model.arrays().learner
+    learner = model.views().learner
     generator = np.random.default_rng(0)
 
     def ordinary(a: NDArray[Any]) -> NDArray[Any]:

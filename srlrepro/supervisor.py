@@ -11,22 +11,23 @@ from srlrepro.dynamics.closed_loop import NOT_RECOVERED, OUTCOMES, ClosedLoop, R
 from srlrepro.dynamics.lqg import LQG, Gains
 from srlrepro.dynamics.pendulum import Floats, jit
 from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Posterior, safe_probability
-from srlrepro.settings.fields import ParameterError
+from srlrepro.settings.fields import ParameterError, check
 
 SUPERVISED = "supervised"
+STOCK = "stable-baselines3's PPO (--set learner=stock)"  # the way out where compiled code is not made for it
 NOT_TRIED = NOT_RECOVERED + 1  # an activation where the trial ends without K
 RECOVERIES = OUTCOMES | {NOT_TRIED: "not tried"}
 
 
-class Guard(NamedTuple):
+class Supervision(NamedTuple):
     """A supervisor as compiled code takes it.
 
     Attributes:
-        active: False: nobody watches, and the rest is not read.
+        active: False: there is none, and the rest is not read.
         posterior, p_t: h(x) = 1 if P(l(x) = 1) > p_t.
         corrects: whether K acts; False: an activation only ends the trial.
-        gains, periods: of K, which has so many periods to recover the system.
-        terminates: an activation of K ends the trial for the learner; False: cuts it off.
+        gains, periods: of K, and how many control periods it has to recover the system.
+        terminates: an activation ends the trial for the learner; False: cuts it off.
     """
 
     active: bool
@@ -38,19 +39,25 @@ class Guard(NamedTuple):
     terminates: bool
 
 
-@jit
-def watch(guard: Guard, task: Task, x: Floats, ended: int) -> tuple[int, int]:
-    """After a period of π, at x [6]: (one of `RECOVERIES`, periods of K), or (0, 0) if K is not needed.
+UNSUPERVISED = Supervision(False, Posterior(), 0.0, True, NO_GAINS, 0, True)
 
-    ended: what `advance` says of the trial.
+
+@jit
+def supervise(supervision: Supervision, task: Task, x: Floats, ended: int) -> tuple[int, int]:
+    """Eq. (6) after a control period of π, at x [6]; ended: what `advance` says of the trial.
+
+    Returns:
+        The key of `RECOVERIES` and the control periods of K; (0, 0) if K is not needed.
     """
-    if not guard.active or not (ended == 0 or ended == TIME_OVER):
+    if not supervision.active or not (ended == 0 or ended == TIME_OVER):
         return 0, 0
-    if safe_probability(guard.posterior, x) > guard.p_t:  # eqs. (5), (8), and so t' of eq. (6)
+    if safe_probability(supervision.posterior, x) > supervision.p_t:  # eqs. (5), (8), and so t' of eq. (6)
         return 0, 0
-    if not guard.corrects:
+    if not supervision.corrects:
         return NOT_TRIED, 0
-    return recover(task.coefficients, guard.gains, task.limits, guard.periods, x, np.empty((0, 6)))
+    return recover(
+        task.coefficients, supervision.gains, task.limits, supervision.periods, x, np.empty((0, 6))
+    )
 
 
 class Supervisor(
@@ -72,6 +79,10 @@ class Supervisor(
     time", "not tried", or "" while K was not needed); ``recovery_time`` in s; and ``outcome`` of the trial,
     which is "supervised" if K was activated, else the environment's.
 
+    With ``render_mode="human"``, the step that activates K shows the whole recovery in the window. With
+    "rgb_array", ``render`` gives the last state of π, and `recovery_frames` the pictures that follow it. For
+    a video, add these to ``recorded_frames`` of gymnasium's RecordVideo before the next reset.
+
     Args:
         env: a `ThreeLinkCircleEnv`, wrapped or not.
         region: the hypothesis h (or the labels l).
@@ -81,8 +92,8 @@ class Supervisor(
         recovery: the rollout of K that ended the last trial, with its path, or None.
 
     Raises:
-        ValueError: h(x) = 0 at the start of a trial: the paper assumes that the origin is known to be
-            safe (Sec. II-A), and π would never act.
+        ParameterError: an argument is of another kind; or h(x) = 0 at the start of a trial (from `reset`):
+            the paper assumes that the origin is known to be safe (Sec. II-A), and π would never act.
     """
 
     def __init__(
@@ -92,6 +103,8 @@ class Supervisor(
         task = env.unwrapped
         if not isinstance(task, ThreeLinkCircleEnv):
             raise ParameterError(f"env = {task}: must be a ThreeLinkCircleEnv")
+        check(callable(getattr(region, "predict", None)), "region", region, "a hypothesis: with predict(x)")
+        check(isinstance(controller, LQG), "controller", controller, "an LQG, which compiled code knows")
         self.task = task
         self.region = region
         self.loop = ClosedLoop(task.pendulum, controller, task.rule)
@@ -122,29 +135,45 @@ class Supervisor(
                 self.recovery = self.loop.rollout(self.task.state)
                 info["recovery"] = RECOVERIES[int(self.recovery.outcomes[0])]
                 info["recovery_time"] = float(self.recovery.durations[0])
+                if self.task.render_mode == "human":
+                    self._draw_recovery()
             terminated = self.task.config.choices.early_stop == "terminate"
             truncated = not terminated
         return observation, float(reward), terminated, truncated, info
 
     @property
-    def guard(self) -> Guard:
-        """This supervisor for `watch`.
+    def recovery_path(self) -> Floats:
+        """States [T, 6] after each control period of the recovery that ended the last trial; T = 0: none."""
+        if self.recovery is None:
+            return np.empty((0, 6))
+        periods = round(float(self.recovery.durations[0]) / self.task.rule.control_period)
+        return self.recovery.paths[0, 1 : periods + 1]
+
+    def recovery_frames(self) -> list[NDArray[np.uint8]]:
+        """Pictures [H, W, 3] of `recovery_path`, with ``render_mode="rgb_array"``."""
+        return [frame for frame in self._draw_recovery() if frame is not None]
+
+    def _draw_recovery(self) -> list[NDArray[np.uint8] | None]:
+        start, period = self.task.time, self.task.rule.control_period
+        return [
+            self.task.draw(x, start + n * period, ", K acts") for n, x in enumerate(self.recovery_path, 1)
+        ]
+
+    @property
+    def arrays(self) -> Supervision:
+        """This supervisor for `supervise`.
 
         Raises:
             ParameterError: its hypothesis is not a `CompiledHypothesis`.
         """
         if not isinstance(self.region, CompiledHypothesis):
             raise ParameterError(
-                f"region = a {type(self.region).__name__}: must be a hypothesis that compiled code knows"
+                f"region = a {type(self.region).__name__}: must be a hypothesis that compiled code knows; "
+                f"{STOCK} takes any"
             )
         _, gains, _, periods = self.loop.kernel_arguments
         ends = self.task.config.choices.early_stop == "terminate"
-        return Guard(True, self.region.posterior, self.region.p_t, self.corrects, gains, periods, ends)
+        return Supervision(True, self.region.posterior, self.region.p_t, self.corrects, gains, periods, ends)
 
     def _predicted_safe(self) -> bool:
-        return bool(self.region.predict(self.task.state)[0] == 1)
-
-
-def nobody() -> Guard:
-    """The guard of an environment without a supervisor."""
-    return Guard(False, Posterior(), 0.0, True, NO_GAINS, 0, True)
+        return bool(self.region.predict(self.task.state[None])[0] == 1)

@@ -79,10 +79,13 @@ class Task(NamedTuple):
 
 @jit
 def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
-    """One control period, the so-manieth of a trial (from 0): (state, R, why the trial ends or 0).
+    """One control period of a trial, number ``period`` from 0.
 
-    action: 3-tuple, in units of ``action_unit``; the torque is limited here. R is that of the state and the
-    target at the end of the period.
+    action: 3-tuple, in units of ``action_unit``; the torque is limited here.
+
+    Returns:
+        The state; the reward R of the state and the target at the end of the period; 0, or the key of `ENDS`
+        that says why the trial ends.
     """
     unit, limit = task.action_unit, task.torque_limit
     u = (
@@ -120,14 +123,15 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Args:
         delta: mass mismatch Δ > 0.
         trial_length: s; the configuration's if not given.
-        render_mode: "rgb_array", "human" or None.
+        render_mode: "rgb_array" (one picture per control period), "human" (a window, in real time) or None.
         config: every other value.
 
     Raises:
-        ValueError: a parameter is not allowed.
+        ParameterError: a parameter is not allowed.
+        DependencyNotInstalled (from `reset`): "human" without a GUI toolkit that matplotlib knows.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012
 
     def __init__(
         self,
@@ -148,6 +152,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         loop = ClosedLoop.from_config(config, delta)
         self.pendulum: ThreeLinkPendulum = loop.system
         self.rule: RecoveryRule = loop.rule
+        self.metadata = self.metadata | {"render_fps": round(1.0 / self.rule.control_period)}
         largest = paper.torque_limit / config.choices.action_unit
         self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
@@ -207,15 +212,19 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture [H, W, 3] in "rgb_array"; draws the window in "human"."""
+        return self.draw(self.state, self.time)
+
+    def draw(self, x: Floats, time: float, words: str = "") -> NDArray[np.uint8] | None:
+        """As `render`, of any state x [6] and the target at ``time`` (s), with words in the title."""
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
             return None
         if self._view is None:
             self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
-        joints = self.pendulum.joints(self.state)[0]
-        self._view.draw(joints, target(self.arrays.circle, self.time), f"t = {self.time:.2f} s")
+        title = f"t = {time:.2f} s{words}"
+        self._view.draw(self.pendulum.joints(x)[0], target(self.arrays.circle, time), title)
         if self.render_mode == "human":
-            self._view.show(1.0 / self.metadata["render_fps"])
+            self._view.show(time)
             return None
         return self._view.image()
 

@@ -5,6 +5,11 @@ optimiser's own moments, through shared memory, and takes noise and permutations
 stock PPO takes them from, in the same order: the same seed gives the run of stock PPO, up to rounding.
 """
 
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import torch
 from gymnasium.spaces import Box
@@ -21,29 +26,53 @@ from torch import nn
 
 from srlrepro.fast_ppo.rollout import Steps, advantages, blank, collect, values
 from srlrepro.fast_ppo.sb3_bridge import Stack
-from srlrepro.fast_ppo.torch_views import Shared, addresses, share
+from srlrepro.fast_ppo.torch_views import Views, addresses, make_views
 from srlrepro.fast_ppo.update import STATISTICS, Loss, Optimizer, Samples, update
 from srlrepro.settings.fields import check
+from srlrepro.supervisor import STOCK
+
+
+def is_uncompiled(kernel: Any) -> bool:
+    """Whether numba has never compiled a kernel, in this process or in one that kept it on disk."""
+    kept = Path(kernel.stats.cache_path).glob(f"*.{kernel.__qualname__}-*.nbi")
+    return not kernel.signatures and not any(kept)
 
 
 class CompiledPPO(PPO):
     """PPO for `ThreeLinkCircleEnv`, bare or under a `Supervisor` with a `CompiledHypothesis`.
 
-    ``save``, ``load``, ``predict``, ``evaluate_policy``, the logger and the callbacks work as with stock PPO.
-    Callbacks see every step, with what stock PPO tells them of it (but for the tensors of π and V), after
-    the rollout is complete: one that changes the policy or the environment in the middle of a rollout acts
-    from the next one on. Where one stops the training, the task stands where it stood at that step, but the
-    noise of the rollout is spent.
+    The environment may come from ``gymnasium.make``. ``save``, ``load``, ``predict``, ``evaluate_policy``,
+    the logger and the callbacks work as with stock PPO. But callbacks are told of the steps of a rollout
+    after it is complete:
+
+    - ``locals`` hold what stock PPO tells of each step, without the tensors ``obs_tensor``, ``values`` and
+      ``log_probs``;
+    - the environment and torch's generator stand where they stand at the end of the rollout;
+    - one that changes the policy or the environment in the middle of a rollout acts from the next one on;
+    - where one stops the training, the task is put back to where it stood at that step.
+
+    The first training of a shape of networks compiles for half a minute; what it compiles is kept on disk.
+
+    Args:
+        policy, env, values: those of stock PPO.
 
     Raises:
-        ParameterError: a setting of stock PPO that the compiled code does not cover.
+        ParameterError: a setting of stock PPO, or an environment, that the compiled code does not cover.
     """
 
-    _shared: Shared | None = None
+    _views: Views | None = None
+
+    def __init__(self, policy: Any, env: Any, **values: Any) -> None:
+        log = values.get("tensorboard_log")
+        there = log is None or find_spec("tensorboard") is not None
+        check(there, "tensorboard_log", log, "left out, as the package tensorboard is not installed")
+        super().__init__(policy, env, **values)
 
     def _setup_model(self) -> None:
         super()._setup_model()
         self._refuse_what_is_not_covered()
+        if self.env is not None:
+            _ = Stack.of(self.env).supervision
 
     def _refuse_what_is_not_covered(self) -> None:
         policy, optimizer = self.policy, self.policy.optimizer
@@ -65,17 +94,17 @@ class CompiledPPO(PPO):
         }
         for name, ok in covered.items():
             value = getattr(self, name, "of this kind")
-            check(ok, name, value, "one that CompiledPPO covers; stable-baselines3's PPO has them all")
+            check(ok, name, value, f"one that CompiledPPO covers; {STOCK} has them all")
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_shared"]
+        return [*super()._excluded_save_params(), "_views"]
 
-    def arrays(self) -> Shared:
-        """The policy's numbers; shared anew if something has moved them, as `load` does."""
+    def views(self) -> Views:
+        """The policy's numbers as arrays; made anew if something has moved them, as `load` does."""
         now = addresses(self.policy, self.batch_size)
-        if self._shared is None or self._shared.addresses != now:
-            self._shared = share(self.policy, self.batch_size)
-        return self._shared
+        if self._views is None or self._views.addresses != now:
+            self._views = make_views(self.policy, self.batch_size)
+        return self._views
 
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
@@ -84,21 +113,23 @@ class CompiledPPO(PPO):
         assert self._last_obs is not None and self._last_episode_starts is not None
         self._refuse_what_is_not_covered()  # settings may have been changed since
         stack = Stack.of(env)
+        if is_uncompiled(update) and (self.verbose or sys.stderr.isatty()):
+            print("compiling for about half a minute, this once", file=sys.stderr)
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
-        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.arrays()
+        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.views()
         # with a stride, torch draws one number after the other, as it does for one action at a time
         noise = torch.empty(2 * steps.actions.size)[::2].normal_().numpy().reshape(steps.actions.shape)
         start, x = float(self._last_episode_starts[0]), task.state.copy()
         period = collect(
-            task.arrays, stack.guard, policy, np.ascontiguousarray(noise), x, task.period, start, steps
+            stack.arrays, stack.supervision, policy, np.ascontiguousarray(noise), x, task.period, start, steps
         )
         stack.place(x, period)
         expected = np.empty(n_rollout_steps + 1, np.float32)
         values(learner.critic, learner.critic_passes, steps.observations, expected)
         dones = (steps.ended != 0) | (steps.recoveries != 0)
-        if not self._replay(stack, steps, dones, callback):
+        if not self._tell_callbacks(stack, steps, dones, callback):
             return False
         rewards = steps.rewards.astype(np.float32)
         cut_off = np.flatnonzero(steps.cut_off)
@@ -116,7 +147,9 @@ class CompiledPPO(PPO):
         callback.on_rollout_end()
         return True
 
-    def _replay(self, stack: Stack, steps: Steps, dones: NDArray[np.bool_], callback: BaseCallback) -> bool:
+    def _tell_callbacks(
+        self, stack: Stack, steps: Steps, dones: NDArray[np.bool_], callback: BaseCallback
+    ) -> bool:
         """Show every step to the callbacks; if one says stop, all stands where it stood after that step."""
         assert isinstance(self.action_space, Box)
         clipped = np.clip(steps.actions, self.action_space.low, self.action_space.high)
@@ -150,7 +183,7 @@ class CompiledPPO(PPO):
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
         clip_range = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
-        learner, buffer, optimizer = self.arrays().learner, self.rollout_buffer, self.policy.optimizer
+        learner, buffer, optimizer = self.views().learner, self.rollout_buffer, self.policy.optimizer
         group, states = optimizer.param_groups[0], list(optimizer.state.values())
         # the generator and the order of calls are those of the buffer's own sampling
         orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002

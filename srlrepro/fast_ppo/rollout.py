@@ -13,7 +13,7 @@ from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
 from srlrepro.dynamics.pendulum import Floats, as_state, jit
 from srlrepro.fast_ppo.network import Network, Passes, Reals, forward, forward_one
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
-from srlrepro.supervisor import Guard, watch
+from srlrepro.supervisor import Supervision, supervise
 
 Singles = NDArray[np.float32]
 Codes = NDArray[np.int64]
@@ -72,7 +72,7 @@ def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) 
 @jit
 def collect(
     task: Task,
-    guard: Guard,
+    supervision: Supervision,
     policy: Policy,
     noise: Singles,
     x: Floats,
@@ -95,9 +95,9 @@ def collect(
         state, reward, ended = advance(task, as_state(x), torque, period)
         x[0], x[1], x[2], x[3], x[4], x[5] = state
         period += 1
-        recovery, duration = watch(guard, task, x, ended)
+        recovery, duration = supervise(supervision, task, x, ended)
         steps.recoveries[n], steps.recovery_periods[n] = recovery, duration
-        steps.cut_off[n] = ended == TIME_OVER if recovery == 0 else not guard.terminates
+        steps.cut_off[n] = ended == TIME_OVER if recovery == 0 else not supervision.terminates
         observe(task, state, period, observation)
         steps.reached[n], steps.states[n], steps.ended[n] = observation, x, ended
         steps.rewards[n] = reward

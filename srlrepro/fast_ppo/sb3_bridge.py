@@ -5,19 +5,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from srlrepro.dynamics.circle_env import ENDS, ThreeLinkCircleEnv
+from srlrepro.dynamics.circle_env import ENDS, TIME_OVER, Task, ThreeLinkCircleEnv
 from srlrepro.fast_ppo.rollout import Steps
 from srlrepro.settings.fields import ParameterError
-from srlrepro.supervisor import RECOVERIES, SUPERVISED, Guard, Supervisor, nobody
+from srlrepro.supervisor import RECOVERIES, STOCK, SUPERVISED, UNSUPERVISED, Supervision, Supervisor
+
+MADE_BY_GYMNASIUM = (OrderEnforcing, PassiveEnvChecker, TimeLimit)  # the wrappers that `gymnasium.make` adds
 
 
 @dataclass(frozen=True)
 class Stack:
     """The wrappers that stock PPO would step through: Monitor, maybe Supervisor, task.
+
+    Those that ``gymnasium.make`` adds may lie between them. A check that a step would have passed is left to
+    the first step that goes through them.
 
     Raises:
         ParameterError (from `of`): the environment is built otherwise.
@@ -25,6 +32,7 @@ class Stack:
 
     monitor: Monitor[Any, Any]
     supervisor: Supervisor | None
+    time_limits: tuple[TimeLimit[Any, Any], ...]
     task: ThreeLinkCircleEnv
 
     @classmethod
@@ -32,23 +40,35 @@ class Stack:
         """The wrappers of a vectorised environment."""
         monitor = env.envs[0] if isinstance(env, DummyVecEnv) and env.num_envs == 1 else None
         inner = monitor.env if type(monitor) is Monitor else None
-        supervisor = inner if type(inner) is Supervisor else None
-        task = inner if supervisor is None else supervisor.env
-        if type(monitor) is not Monitor or type(task) is not ThreeLinkCircleEnv:
+        wrappers: list[gym.Wrapper[Any, Any, Any, Any]] = []
+        while isinstance(inner, gym.Wrapper) and type(inner) in (Supervisor, *MADE_BY_GYMNASIUM):
+            wrappers.append(inner)
+            inner = inner.env
+        supervisors = [wrapper for wrapper in wrappers if isinstance(wrapper, Supervisor)]
+        limits = tuple(wrapper for wrapper in wrappers if isinstance(wrapper, TimeLimit))
+        if type(monitor) is not Monitor or type(inner) is not ThreeLinkCircleEnv or len(supervisors) > 1:
             raise ParameterError(
-                f"env = {monitor or env}: must be one ThreeLinkCircleEnv, or one Supervisor of it, "
-                "in nothing but a Monitor; or use stable-baselines3's PPO"
+                f"env = {monitor or env}: must be one ThreeLinkCircleEnv, or one Supervisor of it, in no "
+                f"wrappers but a Monitor and the wrappers of gymnasium.make; {STOCK} takes any"
             )
-        return cls(monitor, supervisor, task)
+        return cls(monitor, supervisors[0] if supervisors else None, limits, inner)
 
     @property
-    def guard(self) -> Guard:
-        """Who watches."""
-        return nobody() if self.supervisor is None else self.supervisor.guard
+    def arrays(self) -> Task:
+        """The task, with the shortest of its time limits."""
+        limits = [limit._max_episode_steps for limit in self.time_limits]
+        return self.task.arrays._replace(periods=min([self.task.arrays.periods, *limits]))
+
+    @property
+    def supervision(self) -> Supervision:
+        """The supervisor, if there is one."""
+        return UNSUPERVISED if self.supervisor is None else self.supervisor.arrays
 
     def place(self, state: np.ndarray, period: int) -> None:
         """Put the task into a state, so many periods into a trial."""
         self.task.state, self.task.period = state.copy(), period
+        for limit in self.time_limits:
+            limit._elapsed_steps = period  # type: ignore[assignment]
         if self.supervisor is not None:
             self.supervisor.recovery = None
 
@@ -66,24 +86,28 @@ class Stack:
         lists = (steps.rewards, steps.ended, steps.cut_off, steps.recoveries)
         told = enumerate(zip(*(numbers.tolist() for numbers in lists), strict=True))
         for n, (reward, end, cut_off, recovery) in told:
-            info: dict[str, Any] = {"outcome": SUPERVISED if recovery else ENDS[end]}
+            monitor.rewards.append(reward)
+            monitor.total_steps += 1
+            by_wrapper = end == TIME_OVER and len(monitor.rewards) < self.task.arrays.periods
+            info: dict[str, Any] = {"outcome": "" if by_wrapper else ENDS[end]}
             if self.supervisor is not None:
                 info["activated"] = recovery != 0
                 info["recovery"] = RECOVERIES[recovery] if recovery else ""
                 info["recovery_time"] = int(steps.recovery_periods[n]) * dt if recovery else 0.0
+            if recovery:
+                info["outcome"] = SUPERVISED
             info["TimeLimit.truncated"] = bool(cut_off)
-            monitor.rewards.append(reward)
-            monitor.total_steps += 1
             if end or recovery:
                 info["terminal_observation"] = steps.reached[n]
-                info["episode"] = self._episode()
+                info["episode"] = self._episode(info)
             yield info
 
-    def _episode(self) -> dict[str, Any]:
+    def _episode(self, info: dict[str, Any]) -> dict[str, Any]:
         """What the Monitor says of a trial that has ended; it is ready for the next one."""
         monitor = self.monitor
         total, length, passed = sum(monitor.rewards), len(monitor.rewards), time.time() - monitor.t_start
         episode = {"r": round(total, 6), "l": length, "t": round(passed, 6)}
+        episode |= {key: info[key] for key in monitor.info_keywords}
         monitor.episode_returns.append(total)
         monitor.episode_lengths.append(length)
         monitor.episode_times.append(passed)

@@ -14,7 +14,7 @@ MOMENTS = ("exp_avg", "exp_avg_sq")
 ALIGNMENT = 16  # numbers: every tensor starts at a cache line
 
 
-class Shared(NamedTuple):
+class Views(NamedTuple):
     """The arrays, for minibatches of one size, and where the tensors lay when they were made."""
 
     learner: Learner
@@ -41,7 +41,7 @@ def _network(layers: list[nn.Linear], views: dict[torch.Tensor, torch.Tensor]) -
     return Network(weights, tuple(views[layer.bias].numpy() for layer in layers))
 
 
-def share(policy: ActorCriticPolicy, batch: int) -> Shared:
+def make_views(policy: ActorCriticPolicy, batch: int) -> Views:
     """Move the parameters and moments into flat memory that torch and numpy both see; values are kept.
 
     batch: samples of a minibatch.
@@ -85,4 +85,4 @@ def share(policy: ActorCriticPolicy, batch: int) -> Shared:
         actor_passes,
         critic_passes,
     )
-    return Shared(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy, batch))
+    return Views(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy, batch))

@@ -7,15 +7,32 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.checkpoint import Progress, save
+from srlrepro.storage.files import ResultError
 
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
 SHORTEST = 256  # steps that a row of the learning curve averages over, at least
+
+
+def require_finite(model: BaseAlgorithm) -> None:
+    """Refuse a policy that has diverged.
+
+    Raises:
+        ResultError: one of its parameters is not a finite number.
+    """
+    for name, values in model.policy.state_dict().items():
+        if not torch.isfinite(values).all():
+            raise ResultError(
+                f"the policy has diverged within {model.num_timesteps} steps: {name} is not finite; "
+                "learning_rate, a coefficient of the loss or the reward is too large"
+            )
 
 
 class Recorder(BaseCallback):
@@ -28,6 +45,9 @@ class Recorder(BaseCallback):
         scale: [6] units of the observed state.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
         report: receives sparse lines when no terminal shows the bar.
+
+    Raises:
+        ResultError: the policy has diverged, or a checkpoint cannot be written.
     """
 
     def __init__(
@@ -51,6 +71,7 @@ class Recorder(BaseCallback):
         self.bar = tqdm(total=self.steps, initial=self.reached, unit="step", disable=None, desc="training")
 
     def _on_rollout_start(self) -> None:
+        require_finite(self.model)
         self.progress.seconds = time.perf_counter() - self.started
         if self.checkpoint is not None and self.updates and self.updates % self.checkpoint[1] == 0:
             save(self.checkpoint[0], self.model, self.progress, self.checkpoint[2])
@@ -85,6 +106,7 @@ class Recorder(BaseCallback):
             self.report(f"step {self.num_timesteps} of {self.steps}, about {max(left, 0) / 60:.1f} min left")
 
     def _on_training_end(self) -> None:
+        require_finite(self.model)
         self.bar.close()
         self.progress.seconds = time.perf_counter() - self.started
 

@@ -10,6 +10,7 @@ The products of a run, in one folder:
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -33,7 +34,15 @@ from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole
-from srlrepro.storage.files import beside, require_writable, write_arrays, write_json, write_table
+from srlrepro.storage.files import (
+    ResultError,
+    beside,
+    read_json,
+    require_writable,
+    write_arrays,
+    write_json,
+    write_table,
+)
 from srlrepro.storage.provenance import provenance
 from srlrepro.supervisor import Supervisor
 
@@ -57,7 +66,7 @@ def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any
     """The environment of a run: the task, under a supervisor if there is a region.
 
     Raises:
-        ValueError: α without a region, or a region without α.
+        ParameterError: α without a region, or a region without α.
     """
     check((run.alpha is None) == (region is None), "region", region, "given exactly if alpha is not none")
     env = ThreeLinkCircleEnv(run.delta, config=config)
@@ -90,9 +99,23 @@ def make_learner(env: gym.Env[Any, Any], config: Config, seed: int) -> PPO:
 
 
 def identify(run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any]:
-    """What tells a run from others: what is trained, every value, and the region."""
+    """What tells a run from others, for run.json and checkpoints: ``run``, ``config`` and ``region``."""
     learned = region.digest() if isinstance(region, CompiledHypothesis) else type(region).__name__
     return {"run": asdict(run), "config": config.as_dict(), "region": learned}
+
+
+def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
+    """Raise `ResultError` if the folder holds a finished run of another identity."""
+    path = folder / "run.json"
+    if not path.exists():
+        return
+    held, own = read_json(path), json.loads(json.dumps(identity))
+    others = [part for part in own if not isinstance(held, dict) or held.get(part) != own[part]]
+    if others:
+        raise ResultError(
+            f"{folder} holds a finished training of another {' and '.join(others)}: "
+            "give another folder, or delete this one"
+        )
 
 
 def train(
@@ -103,16 +126,22 @@ def train(
     checkpoint: Path | None = None,
     report: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Train one run and write its products (see the module) to ``folder``; returns what run.json holds.
+    """Train one run and write its products (see the module) to ``folder``.
+
+    A folder that holds the same run is written anew, as its code may have changed; another one is refused.
 
     Args:
         checkpoint: file to go on from if it exists and to write every ``checkpoint_updates`` updates; it is
             removed at the end. The result is the same as without an interruption.
         report: receives sparse progress lines when there is no terminal.
 
+    Returns:
+        What run.json holds.
+
     Raises:
-        ValueError: a parameter is not allowed, or the region predicts the origin as unsafe.
-        ResultError: the folder cannot be written, or the checkpoint is truncated or of another run.
+        ParameterError: a parameter is not allowed, or the region predicts the origin as unsafe.
+        ResultError: the folder cannot be written or holds another run, the checkpoint is truncated or of
+            another run, or the policy has diverged.
     """
     torch.set_num_threads(1)
     folder, choices = Path(folder), config.choices
@@ -120,10 +149,11 @@ def train(
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
     env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
-    for place in (folder, folder if checkpoint is None else checkpoint.parent):
-        require_writable(place)
     model, progress = make_learner(env, config, run.seed), Progress()
     identity = identify(run, config, region)
+    _refuse_another(folder, identity)
+    for place in (folder, folder if checkpoint is None else checkpoint.parent):
+        require_writable(place)
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
         report(f"going on from step {model.num_timesteps}")
@@ -152,6 +182,7 @@ def train(
         },
         "provenance": provenance(progress.seconds),
     }
+    (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
     write_table(folder / "trials.csv", trials)
     window = curve_window(steps, config.paper.n_steps)
     write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))

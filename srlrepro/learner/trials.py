@@ -111,14 +111,13 @@ def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool)
         total += step.reward
     states.append(step.following)
     steps, outcome = len(states) - 1, step.info["outcome"]
-    recovery = env.recovery if isinstance(env, Supervisor) else None
-    if recovery is not None:
-        periods = round(float(recovery.durations[0]) / task.rule.control_period)
-        states += list(recovery.paths[0, 1 : periods + 1])
-        outcome = f"K: {step.info['recovery']}"
+    k_acts = len(states)
+    if isinstance(env, Supervisor) and env.recovery is not None:
+        k_acts, outcome = steps, f"K: {step.info['recovery']}"
+        states += list(env.recovery_path)
     times = task.rule.control_period * np.arange(len(states))
     circle = np.array([target(task.arrays.circle, float(t)) for t in times])
-    supervised = np.arange(len(states)) >= (steps if recovery is not None else len(states))
+    supervised = np.arange(len(states)) >= k_acts
     return Trial(task.pendulum.joints(np.array(states)), circle, supervised, total, steps, outcome)
 
 
