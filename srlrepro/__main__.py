@@ -7,29 +7,32 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import fields
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
-from srlrepro.settings.choices import Choices
 from srlrepro.command_line import Parser, add_settings, path, run, subcommands
-from srlrepro.settings.config import Config, parse_settings
-from srlrepro.settings.fields import check, check_whole
-from srlrepro.settings.paper import Paper
-
-MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
+from srlrepro.settings.condition import MOST_SEED, parse_alpha
+from srlrepro.settings.config import PARAMETERS, Config, parse_settings
+from srlrepro.settings.fields import STAGES, check, check_whole
 
 
 def _config(arguments: argparse.Namespace) -> Config:
     return Config().with_values(**parse_settings(arguments.settings))
 
 
+def _seed(arguments: argparse.Namespace) -> int:
+    check_whole("--seed", arguments.seed, 0, MOST_SEED)
+    return int(arguments.seed)
+
+
 def data(arguments: argparse.Namespace) -> None:
     """Sample and label the training data of one α."""
     from srlrepro.samplers import generate
 
-    data = generate(arguments.alpha, _config(arguments), arguments.seed)
+    alpha = parse_alpha(arguments.alpha, "--alpha")
+    check(alpha is not None, "--alpha", arguments.alpha, "a number in [0, 1]")
+    assert alpha is not None
+    data = generate(alpha, _config(arguments), _seed(arguments))
     data.save(arguments.out)
     print(f"{len(data.x)} states, {data.n_ud} of them from UD, {data.z.mean():.3f} safe: {arguments.out}")
 
@@ -37,9 +40,13 @@ def data(arguments: argparse.Namespace) -> None:
 def region(arguments: argparse.Namespace) -> None:
     """Learn Ψ, Γ and S_y from a file of training data."""
     from srlrepro.region.safe_region import learn_region
+    from srlrepro.samplers import TrainingData
+    from srlrepro.storage.made_of import require_made_of
 
-    config = _config(arguments)
-    region = learn_region(load_training_data(arguments.data), config, arguments.seed)
+    config, seed = _config(arguments), _seed(arguments)
+    data = TrainingData.load(arguments.data)
+    require_made_of(data.made_of, config, "data", where=arguments.data)
+    region = learn_region(data, config, seed)
     region.save(arguments.out)
     print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
 
@@ -50,71 +57,59 @@ def label(arguments: argparse.Namespace) -> None:
 
     for value in arguments.state:
         check(math.isfinite(value), "--state", value, "finite numbers (rad, rad/s)")
-    rollout = ClosedLoop.from_config(_config(arguments), arguments.delta).rollout(
-        [arguments.state], record=False
-    )
+    loop = ClosedLoop.from_config(_config(arguments), arguments.delta)
+    rollout = loop.rollout([arguments.state], record=False)
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 
-def load_training_data(path: Path) -> Any:
-    """The training data of a file that may come from elsewhere: labelled states, at least two."""
-    import numpy as np
-
-    from srlrepro.dynamics.pendulum import as_states
-    from srlrepro.samplers import TrainingData
-    from srlrepro.storage.files import ResultError
-
-    try:
-        data = TrainingData.load(path)
-        labelled = data.z.shape == (len(as_states(data.x)),) and bool(np.isin(data.z, (0, 1)).all())
-    except (ValueError, TypeError) as error:
-        raise ResultError(f"{path} holds no labelled states: {error}") from error
-    if not labelled or len(data.z) < 2:
-        raise ResultError(f"{path} holds no labelled states")
-    return data
-
-
-def _region(arguments: argparse.Namespace, config: Config) -> Any:
+def _region(arguments: argparse.Namespace, alpha: float | None, config: Config) -> Any:
     """The region of a run, from its file; None without a supervisor."""
     from srlrepro.region.safe_region import SafeRegion
+    from srlrepro.storage.made_of import require_made_of
 
     kind, file = config.choices.hypothesis, arguments.region
-    check(
-        kind == "tsne", "hypothesis", kind, "tsne here; ./reproduce.sh --hypotheses trains under the others"
-    )
-    if arguments.alpha is None:
+    others = "tsne here; ./reproduce.sh --hypotheses trains under the others"
+    check(kind == "tsne", "hypothesis", kind, others)
+    if alpha is None:
         check(file is None, "--region", file, "left out with --alpha none")
         return None
     check(file is not None, "--region", file, "given, unless --alpha is none")
-    return SafeRegion.load(file)
+    region = SafeRegion.load(file)
+    require_made_of(region.made_of_, config, "region", where=file, alpha=alpha)
+    return region
 
 
 def train(arguments: argparse.Namespace) -> None:
     """Train one run, or go on with one from its checkpoint, if that is trusted."""
     from srlrepro.learner import training
 
-    config = _config(arguments)
+    config, alpha = _config(arguments), parse_alpha(arguments.alpha, "--alpha")
     steps = config.choices.total_steps if arguments.steps is None else arguments.steps
-    check_whole("steps", steps, 1)
-    run = training.Run(arguments.alpha, arguments.delta, arguments.seed, steps)
+    run = training.Run(alpha, arguments.delta, _seed(arguments), steps)
     checkpoint = arguments.out / "checkpoint.zip"
-    if checkpoint.is_file() and not arguments.trust_checkpoint:
-        ways = (
+    if not arguments.trust_checkpoint:
+        without = (
             "without a checkpoint, or with --trust-checkpoint (its pickles can run any code as they are read)"
         )
-        check(False, "--out", arguments.out, ways)
-    region = _region(arguments, config)
-    result = training.train(run, config, region, arguments.out, checkpoint)
+        check(not checkpoint.is_file(), "--out", arguments.out, without)
+    result = training.train(run, config, _region(arguments, alpha, config), arguments.out, checkpoint)
     print(json.dumps({"counts": result["counts"], "final_policy": result["final_policy"]}, indent=1))
 
 
 def list_choices(arguments: argparse.Namespace) -> None:
-    """Print every parameter."""
-    for part, source in ((Paper, "place"), (Choices, "reason")):
-        for f in fields(part):
-            m = f.metadata
-            unit = f" {m['unit']}" if m["unit"] else ""
-            print(f"{f.name} = {f.default}{unit}, in {m['allowed']}: {m['meaning']} ({m[source]})")
+    """Print every parameter, in groups: who states it, and what depends on it."""
+    for source, title in (("place", "Stated by the paper"), ("reason", "Chosen where the paper is open")):
+        print(f"{title}\n{'=' * len(title)}")
+        for stage, results in STAGES.items():
+            found = [f for f in PARAMETERS.values() if source in f.metadata and f.metadata["stage"] == stage]
+            if found:
+                print(f"\n{stage}: changes {results}")
+            for f in found:
+                m, unit = f.metadata, f" {f.metadata['unit']}" if f.metadata["unit"] else ""
+                print(
+                    f"  {f.name} = {f.default}{unit}, in {m['allowed']}\n      {m['meaning']} ({m[source]})"
+                )
+        print()
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -123,7 +118,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"srlrepro {version('srlrepro')}")
     command = subcommands(parser)
     sub = command("data", data, "Sample and label the training data D_tr of one α.")
-    sub.add_argument("--alpha", type=float, required=True, help="share of UD, in [0, 1]")
+    sub.add_argument("--alpha", required=True, help="share of UD, in [0, 1]")
     sub.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
     sub.add_argument("--out", type=path, required=True, help="file to write (.npz)")
     add_settings(sub)
@@ -135,36 +130,26 @@ def make_parser() -> argparse.ArgumentParser:
     add_settings(sub)
 
     sub = command("label", label, "Print l(x) of one state and how K fares from it.")
-    sub.add_argument(
-        "--state", type=float, nargs=6, required=True, metavar="X", help="θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)"
-    )
-    sub.add_argument(
-        "--delta", type=float, default=1.0, help="mass mismatch Δ (default: 1, the nominal system: l_n)"
-    )
+    state = "θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)"
+    sub.add_argument("--state", type=float, nargs=6, required=True, metavar="X", help=state)
+    delta = "mass mismatch Δ (default: 1, the nominal system: l_n)"
+    sub.add_argument("--delta", type=float, default=1.0, help=delta)
     add_settings(sub)
 
-    sub = command(
-        "train",
-        train,
-        "Train one run; started again with --trust-checkpoint after a kill, it goes on.",
-    )
-    sub.add_argument(
-        "--alpha", type=str, required=True, help="share of UD of the region, or none: no supervisor"
-    )
+    text = "Train one run; started again with --trust-checkpoint after a kill, it goes on."
+    sub = command("train", train, text)
+    alpha = "share of UD of the region, or none: no supervisor"
+    sub.add_argument("--alpha", required=True, help=alpha)
     sub.add_argument("--delta", type=float, required=True, help="mass mismatch Δ > 0 of the real system")
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
     sub.add_argument("--region", type=path, help="file that the command region wrote; not with --alpha none")
-    sub.add_argument(
-        "--data", type=path, help="instead: file that the command data wrote, to learn the hypothesis from"
-    )
     sub.add_argument("--out", type=path, required=True, help="folder to write")
-    sub.add_argument(
-        "--trust-checkpoint",
-        action="store_true",
-        help="go on from checkpoint.zip in the folder: it holds pickles of stable-baselines3, which can run "
-        "any code as they are read, so only if you or this program wrote it",
+    trust = (
+        "go on from checkpoint.zip in the folder: it holds pickles of stable-baselines3, which can run any "
+        "code as they are read, so only if you or this program wrote it"
     )
+    sub.add_argument("--trust-checkpoint", action="store_true", help=trust)
     add_settings(sub)
 
     command("choices", list_choices, "List every parameter with its value, allowed values and reason.")

@@ -4,6 +4,7 @@ Wrong use gives one line and 2; a missing, broken or unwritable result gives one
 """
 
 import argparse
+import re
 import shlex
 import sys
 import warnings
@@ -15,7 +16,11 @@ from srlrepro.settings.fields import LONGEST_MESSAGE, ParameterError, one_line
 
 
 class Parser(argparse.ArgumentParser):
-    """Refuses a wrong command line with one line and exit status 2."""
+    """Refuses a wrong command line with one line and exit status 2; takes -1e-3 for a number."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._negative_number_matcher = re.compile(r"-\.?\d|-(inf|nan)$")  # argparse's knows no exponents
 
     def error(self, message: str) -> NoReturn:
         """Print the message and leave."""

@@ -208,21 +208,38 @@ def test_one_integration_step_takes_at_most_a_microsecond() -> None:
     assert min(seconds) < 1e-6
 
 
-RECOVERS = "from srlrepro.labels import ClosedLoop; print(ClosedLoop().predict([0.3, 0, 0, 0, 0, 0])[0])"
+LABEL = """
+from srlrepro import ClosedLoop
+print(ClosedLoop().predict([0.3, 0, 0, 0, 0, 0])[0])
+"""
+PREDICTION = """
+import numpy as np
+from srlrepro import SafeRegion
+x = np.random.default_rng(0).normal(size=(20, 6))
+print(SafeRegion().fit_embedding(x, np.ones(20), x[:, :2]).predict(x[:1])[0])
+"""
 NOTHING_MOVES = "\n\n@jit\ndef derivative(c, x, u):\n    return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)\n"
+ALL_FAR_AWAY = "\n\n@jit\ndef map_state(scale, x_train, y_train, neighbours, skip, x):\n    return 1e9, 1e9\n"
 
 
 @pytest.mark.slow
-def test_an_edit_of_the_equations_of_motion_reaches_the_labels(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("edited", "addition", "question"),
+    [("dynamics/pendulum.py", NOTHING_MOVES, LABEL), ("region/mapping.py", ALL_FAR_AWAY, PREDICTION)],
+    ids=["equations of motion", "another folder"],
+)
+def test_an_edit_reaches_what_was_compiled_before(
+    edited: str, addition: str, question: str, tmp_path: Path
+) -> None:
     """Compiled code is kept on disk; it must not outlive the source that it was compiled from."""
-    package = tmp_path / "srlrepro"
-    shutil.copytree(Path(pendulum.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    package, ignored = tmp_path / "srlrepro", shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(pendulum.__file__).parents[1], package, ignore=ignored)
     environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     answers = []
-    for addition in ("", NOTHING_MOVES):
-        with (package / "pendulum.py").open("a") as source:
-            source.write(addition)
-        command = [sys.executable, "-c", RECOVERS]
+    for text in ("", addition):
+        with (package / edited).open("a") as source:
+            source.write(text)
+        command = [sys.executable, "-c", question]
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True
         )
