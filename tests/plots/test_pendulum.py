@@ -1,0 +1,44 @@
+"""Animations: their pictures, and the note on each."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import colors
+from PIL import Image
+
+from replication.plots.pendulum import animate
+from replication.plots.style import STAMP
+from srlrepro.dynamics.pendulum import ThreeLinkPendulum
+from srlrepro.settings.config import Config
+
+
+def leaning(path: Path, note: str) -> None:
+    """A clip of a pendulum that leans over in a second, in black."""
+    x = np.zeros((21, 6))
+    x[:, 0] = np.linspace(0, 0.5, 21)
+    animate(path, [("leaning", ThreeLinkPendulum().joints(x), "black")], Config().paper, 0.05, note)
+
+
+def reddest(path: Path) -> list[float]:
+    """For each picture, the smallest distance of a pixel from the colour of notes, of 255."""
+    stamp, found = np.array(colors.to_rgb(STAMP)) * 255, []
+    with Image.open(path) as picture:
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            found.append(float(np.abs(np.array(picture.convert("RGB")) - stamp).max(axis=-1).min()))
+    return found
+
+
+def test_an_animation_has_a_picture_per_stride_and_holds_its_end(tmp_path: Path) -> None:
+    leaning(tmp_path / "a.gif", "")
+    leaning(tmp_path / "b.gif", "")
+    with Image.open(tmp_path / "a.gif") as picture:
+        assert picture.n_frames == 21 + 10
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+
+
+@pytest.mark.parametrize("note", ["", "reduced: 3000 of 1500000 training steps; varied: p_t = 0.5"])
+def test_a_note_is_on_every_picture(tmp_path: Path, note: str) -> None:
+    leaning(tmp_path / "a.gif", note)
+    assert {distance < 40 for distance in reddest(tmp_path / "a.gif")} == {bool(note)}
