@@ -56,17 +56,15 @@ def beside(arguments: argparse.Namespace) -> None:
     print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
 
 
-def render(arguments: argparse.Namespace) -> None:
-    """Render README.md or REPORT.md from its template and the results."""
-    from replication import readme, report
+def documents(arguments: argparse.Namespace) -> None:
+    """Render README, REPORT and the pages of docs/ that hold results."""
+    from replication import documents
 
-    document = {d.command: d for d in (readme.DOCUMENT, report.DOCUMENT)}[arguments.document]
     if arguments.check:
-        document.check()
+        documents.check()
         return
-    if document is readme.DOCUMENT:
-        readme.keep_times()
-    document.write()
+    documents.keep_times()
+    documents.write()
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -87,13 +85,8 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("second", metavar="NAME")
     sub.add_argument("--figure", default="fig3_abc_learning", help="without suffix")
     sub.add_argument("--out", type=path, required=True, help="picture to write (.png)")
-    for document in ("readme", "report"):
-        name = f"{document.upper()}.md"
-        sub = command(document, render, f"Render {name} from its template and the results.")
-        sub.set_defaults(document=document)
-        sub.add_argument(
-            "--check", action="store_true", help=f"write nothing; exit with 1 if {name} is stale"
-        )
+    sub = command("documents", documents, "Render README, REPORT and the pages of docs/ that hold results.")
+    sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if one is stale")
     return parser
 
 

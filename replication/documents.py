@@ -1,63 +1,89 @@
-"""Documents from templates: README.md and REPORT.md, in which every number comes from results."""
+"""Documents from templates: README, REPORT and pages of docs/, in which every number comes from results.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+The document ``NAME`` is rendered from ``docs/templates/NAME.jinja``. Templates take what they tell from
+`Facts`, so that two documents that tell the same thing have it from the same place.
+"""
+
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import jinja2
 
-from srlrepro.storage.files import ResultError, beside
+from replication.evidence.verdicts import LONG, THREE
+from replication.facts import Facts
+from srlrepro.storage.files import ResultError, beside, read_json, write_json
 
 ROOT = Path(__file__).resolve().parent.parent
-TEMPLATES, FIGURES = ROOT / "docs", ROOT / "figures"
+DOCS, FIGURES = ROOT / "docs", ROOT / "figures"
+TEMPLATES = DOCS / "templates"
+TOP = ("README.md", "REPORT.md")  # the other documents lie in docs/
 
 
-@dataclass(frozen=True)
-class Document:
-    """A file of the repository that is rendered from ``docs/NAME.jinja``.
+def documents() -> list[str]:
+    """Paths of all documents in the repository, README and REPORT first."""
+    pages = sorted(path.stem for path in TEMPLATES.glob("*.md.jinja"))
+    return [*TOP, *(f"docs/{page}" for page in pages if page not in TOP)]
 
-    Attributes:
-        name: of the file.
-        command: of ``python -m srlrepro``, which writes it.
-        context: gives what the template is filled with.
+
+def render(document: str, figures: Path = FIGURES) -> str:
+    """The text of a document.
+
+    Args:
+        document: one of `documents`.
+        figures: the folder with the tables of the results.
+
+    Raises:
+        ResultError: a table of the results is missing.
     """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(f"{Path(document).name}.jinja").render(facts=Facts(ROOT, figures))
 
-    name: str
-    command: str
-    context: Callable[[], dict[str, Any]]
 
-    def render(self) -> str:
-        """The text.
+def check() -> None:
+    """Refuse documents that differ from what the results and the configuration say.
 
-        Raises:
-            ResultError: a table of the results is missing.
-        """
-        environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(TEMPLATES),
-            undefined=jinja2.StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-            keep_trailing_newline=True,
-        )
-        return environment.get_template(f"{self.name}.jinja").render(self.context())
+    Raises:
+        ResultError: one does, or a table of the results is missing.
+    """
+    stale = [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+    if stale:
+        raise ResultError(f"stale: {', '.join(stale)}; run python -m replication documents")
 
-    def is_stale(self) -> bool:
-        """Whether the file differs from what the results and the configuration say."""
-        path = ROOT / self.name
-        return not path.exists() or path.read_text(encoding="utf-8") != self.render()
 
-    def check(self) -> None:
-        """Refuse a stale file.
+def write() -> None:
+    """Render every document; if a table is missing, none is written.
 
-        Raises:
-            ResultError: it is.
-        """
-        if self.is_stale():
-            raise ResultError(f"{self.name} is stale: run python -m srlrepro {self.command}")
-
-    def write(self) -> None:
-        """Render the file."""
-        text = self.render()
-        with beside(ROOT / self.name) as temporary:
+    Raises:
+        ResultError: a table of the results is missing.
+    """
+    for document, text in {document: render(document) for document in documents()}.items():
+        (ROOT / document).parent.mkdir(exist_ok=True)
+        with beside(ROOT / document) as temporary:
             temporary.write_text(text, encoding="utf-8")
+
+
+def refresh(name: str) -> Iterator[str]:
+    """Render the documents anew, if they tell of the results of this name; yields what was rendered.
+
+    Raises:
+        ResultError: a table of the results is missing.
+    """
+    if name in (THREE, *LONG):
+        write()
+        yield from documents()
+
+
+def keep_times() -> None:
+    """Keep the times of the last complete tests and of the last --quick run here, if there were any."""
+    for measured, kept in (
+        (ROOT / "results" / "test_time.json", "test_time.json"),
+        (FIGURES / "quick" / "run_time.json", "quick_time.json"),
+    ):
+        if measured.exists():
+            write_json(DOCS / kept, read_json(measured))

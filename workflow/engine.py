@@ -137,7 +137,7 @@ def note_time(config: dict[str, Any], options: argparse.Namespace, minutes: floa
 
 def tell(name: str) -> int:
     """Render the documents that tell of these results; returns the exit status."""
-    from replication.report import refresh  # reads what the run has written, and takes a second to import
+    from replication.documents import refresh  # reads what the run has written, and takes a second to import
 
     try:
         for document in refresh(name):

@@ -80,7 +80,7 @@ def test_documents_that_cannot_be_rendered_fail_the_run_in_one_line(
         raise ResultError(f"missing result {name}")
 
     assert engine.tell("quick") == 0 and capsys.readouterr().out == ""
-    monkeypatch.setattr("replication.report.refresh", missing)
+    monkeypatch.setattr("replication.documents.refresh", missing)
     assert engine.tell("full") == 1
     assert capsys.readouterr().err.endswith("missing result full\n")
 

@@ -1,0 +1,279 @@
+"""What the documents tell: the claims with their verdicts and the findings of each study, from tables."""
+
+import tomllib
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from replication.evidence.claims import RATES, load
+from replication.evidence.measures import TEST_STATES
+from replication.evidence.verdicts import THREE, is_there, judged, resting, rows
+from replication.studies import multiverse
+from replication.studies.alternatives import ORACLES
+from replication.studies.theorem import POOLED, SMALLEST
+from srlrepro.settings.choices import Choices
+from srlrepro.settings.fields import STAGES
+from srlrepro.settings.paper import Paper
+from srlrepro.storage.files import LARGEST, read_json, read_table
+
+Row = dict[Any, Any]
+SECTIONS = {  # of the report: the measures whose claims stand there; those of all others are about safety
+    "data": ("near_origin_share", "safe_share", "corner_share", "new_state_purity", "accepted_share"),
+    "generalisation": ("common_error", "common_false_positives"),
+    "learning": ("policy_return_share", "policy_alone_share", "training_left"),
+}
+HOLDS, FAILS, BOTH, OPEN = "✓", "✗", "±", "○"  # signs of a claim at one Δ
+FIRST_TESTS = 20  # of claims.toml: fixed before any full training
+DRAWS = ("dataset", "learner")  # the choices of the multiverse that are none (multiverse.toml)
+NEAREST = 3  # universes shown of those that come nearest to the paper's rates
+HALVED = 0.5
+SELDOM = 0.25  # share of the random universes up to which a claim holds seldom; often is 1 less this
+BOUNDS = ("(15) for h, l", "(15) for h, l_n", "(11) minimum")  # what a class may break
+
+
+def sign(states: pd.Series) -> str:
+    """The sign of the contrasts of a claim at one Δ, by the rule of the verdicts."""
+    if (states == "supports").all():
+        return HOLDS
+    if (states == "contradicts").any():
+        return BOTH if (states == "supports").any() else FAILS
+    return OPEN
+
+
+def text_of(value: object) -> str:
+    """A parameter's value as it is written in the ledger."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is told of the results in a folder.
+
+    Attributes:
+        root: of the repository.
+        figures: the folder with the tables of results.
+    """
+
+    root: Path
+    figures: Path
+
+    @property
+    def constants(self) -> Row:
+        """Numbers of the package that the documents name."""
+        found = {"stated": len(fields(Paper)), "chosen": len(fields(Choices)), "test_states": TEST_STATES}
+        return found | {"k": Paper.k, "p_t": Paper.p_t, "largest": LARGEST // 2**20, "stages": STAGES}
+
+    def table(self, *place: str) -> list[Row]:
+        """The rows of a table of results, or of docs/ by its name alone; None where a cell is empty."""
+        path = self.figures.joinpath(*place) if place[1:] else self.root / "docs" / place[0]
+        table = read_table(path, ())
+        return table.astype(object).where(table.notna(), None).to_dict("records")
+
+    def time(self, name: str) -> Row:
+        """Minutes, core hours and more of a complete run of this name, or a file of docs/; else empty."""
+        kept, own = self.root / "docs" / name, self.figures / name / "run_time.json"
+        found: Row = {}
+        if kept.suffix == ".json":
+            found = read_json(kept)
+        elif own.exists() and (name == THREE or is_there(self.figures, name)):
+            found = read_json(own)
+        return found
+
+    def is_there(self, name: str) -> bool:
+        """Whether a run beyond the paper's grid has left its results."""
+        return is_there(self.figures, name)
+
+    @cached_property
+    def judged(self) -> Row:
+        """See `verdicts.judged`."""
+        return judged(self.figures)
+
+    @property
+    def grid(self) -> str:
+        """The name of the results that the verdicts rest on."""
+        return resting(self.figures)
+
+    @cached_property
+    def claims(self) -> dict[str, Row]:
+        """{id: row of `verdicts.rows`} of the claims, with ``section``, and ``three``, the first verdict."""
+        places = {measure: section for section, measures in SECTIONS.items() for measure in measures}
+        measures = {claim.id: claim.measure for claim in load()}
+        told = {row["id"]: row for row in rows(self.figures, self.judged)}
+        for name, row in told.items():
+            row["section"] = places.get(measures[name], "safety")
+            row["three"] = row.get("verdict_of_three", row["verdict"])
+            row["verdict"] = row["verdict"] if row["n"] else "not measured"
+        return told
+
+    @property
+    def posed(self) -> list[Row]:
+        """The claims whose test can decide them."""
+        return [row for row in self.claims.values() if not row["ill_posed"]]
+
+    @property
+    def seeds(self) -> int:
+        """Seeds per condition behind the verdicts."""
+        return max(int(row["n"]) for row in self.posed)
+
+    def count(self, verdict: str, column: str = "verdict") -> int:
+        """How many of the well-posed claims have a verdict."""
+        return sum(row[column] == verdict for row in self.posed)
+
+    def late(self) -> int:
+        """How many of the well-posed tests were written when three seeds had been seen."""
+        first = {claim.id for claim in load()[:FIRST_TESTS]}
+        return sum(row["id"] not in first for row in self.posed)
+
+    def all(self, verdict: str, *claims: str) -> bool:
+        """Whether all these claims have this verdict; a sentence that says so is else left out."""
+        return all(self.claims[claim]["verdict"] == verdict for claim in claims)
+
+    @cached_property
+    def by_delta(self) -> dict[str, dict[float, str]]:
+        """{id: {Δ: sign}} of the well-posed claims that are tested at each Δ by itself."""
+        contrasts = read_table(self.figures / self.grid / "contrasts.csv", ("id", "contrast", "state"))
+        contrasts["delta"] = contrasts["contrast"].str.extract(r"^Δ = ([^:]+): ")[0].astype(float)
+        signs = contrasts.dropna(subset="delta").groupby(["id", "delta"], sort=False)["state"].agg(sign)
+        told = set(signs.index.get_level_values("id"))
+        return {row["id"]: signs[row["id"]].to_dict() for row in self.posed if row["id"] in told}
+
+    @cached_property
+    def pictures(self) -> dict[str, Row]:
+        """The figures of ``docs/figures.toml``, each with the places of its executed notebook."""
+        table: dict[str, Row] = tomllib.loads((self.root / "docs/figures.toml").read_text(encoding="utf-8"))
+        for entry in table.values():
+            found = (self.root / "notebooks/executed" / THREE).rglob(f"{entry['notebook']}.ipynb")
+            entry["executed"] = [path.relative_to(self.root).as_posix() for path in found]
+        return table
+
+    def regions(self) -> list[Row]:
+        """Per α: measures of the training data and the region that all runs use."""
+        names = ("measure", "alpha", "delta", "seed", "value")
+        measures = read_table(self.figures / THREE / "measures.csv", names)
+        own = measures[measures["delta"].isna() & (measures["seed"] == 0)]
+        wide = own.pivot_table(index="alpha", columns="measure", values="value")
+        return wide.reset_index().to_dict("records")
+
+    def ledger(self) -> dict[str, list[Row]]:
+        """{stage: parameters}: name, value, unit, meaning, and why: the paper's place, or our reason."""
+        stages: dict[str, list[Row]] = {stage: [] for stage in STAGES}
+        for part, source in ((Paper, "place"), (Choices, "reason")):
+            for f in fields(part):
+                row = {"name": f.name, "value": text_of(f.default), "stated": part is Paper}
+                row |= {"unit": f.metadata["unit"], "meaning": f.metadata["meaning"]}
+                stages[f.metadata["stage"]].append(row | {"why": f.metadata[source]})
+        return stages
+
+    def computing(self) -> list[Row]:
+        """The ledger of computing; rows that name results take what these say of their own time."""
+        ledger = self.table("computing.csv")
+        for row in ledger:
+            time, less = (self.time(row[name]) if row[name] else {} for name in ("times", "beyond"))
+            row |= {name: time[name] for name in ("steps", "minutes") if time}
+            row |= {n: time[n] - less.get(n, 0) for n in ("trainings", "core_hours") if n in time}
+            row["most"] = (
+                row["minutes"] * row["cores"] / 60 if row["cores"] else None
+            )  # all cores, all the time
+            row["ran"] = bool(time) or not row["times"]
+        return ledger
+
+    def rounding(self) -> pd.Series:
+        """By how much another order of sums moved the mean final return of each condition."""
+        table = read_table(
+            self.root / "docs" / "rounding.csv", ("measure", "alpha", "delta", "before", "after")
+        )
+        returns = table[table["measure"] == "final_return"]
+        return (returns["after"] - returns["before"]).abs()
+
+    def theorem(self) -> Row:
+        """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""
+        folder = self.figures / self.grid
+        names = ("visited_by", "seed", "class", "error", "bound", *BOUNDS)
+        table = read_table(folder / "theorem_divergence.csv", names)
+        single = table[table["seed"] != POOLED]
+        smallest = single[(single["class"] == SMALLEST) & (single["visited_by"] == "supervised")]
+        terms = read_table(
+            folder / "theorem_terms.csv", ("class", "source_error", "half_divergence", "e1", "e2")
+        )
+        terms = terms[terms["class"] == SMALLEST].assign(third=terms[["e1", "e2"]].min(axis=1))
+        parts = terms[["source_error", "half_divergence", "third"]].mean() / terms["bound"].mean()
+        orders = read_table(folder / "theorem_orders.csv", ("visited_by", "delta", "quantity", "order of α"))
+        wide = orders.pivot_table(
+            index=["visited_by", "delta"], columns="quantity", values="order of α", aggfunc="first"
+        )
+        return {
+            "ratio": (smallest["bound"] / smallest["error"]).agg(["min", "median", "max"]),
+            "shares": parts.to_dict(),
+            "classes": [
+                {"class": name, "of": len(part), "low": part["bound"].min(), "high": part["bound"].max()}
+                | {"vacuous": int((part["bound"] >= 1).sum())}
+                | {"fails": [int((part[bound] < 0).sum()) for bound in BOUNDS]}
+                for name, part in single.groupby("class", sort=False)
+            ],
+            "orders": len(wide),
+            "same_order": int((wide["bound"] == wide["error"]).sum()),
+            "mnd_first": int(wide["bound"].str.startswith("0 <").sum()),
+        }
+
+    def multiverse(self) -> Row:
+        """In what share of the universes claims hold, what moves them, and how near the paper's rates come.
+
+        Claims about learned policies are left out: the trainings of a universe are too short for them.
+        """
+        folder = self.figures / "multiverse"
+        names = ("claim", "design", "held", "universes", "violated", "unmeasured", "share", "low", "high")
+        shares = read_table(folder / "shares.csv", names)
+        shares["decided"] = shares["universes"] - shares["violated"] - shares["unmeasured"]
+        drawn = shares[shares["design"] == multiverse.RANDOM].set_index("claim").to_dict("index")
+        tested = [row | drawn[row["id"]] for row in self.posed if row["section"] != "learning"]
+        tested = [row for row in tested if row["decided"]]
+        effects = read_table(folder / "main_effects.csv", ("claim", "choice", "effect", "q"))
+        effects = effects[effects["q"] < multiverse.LEVEL].sort_values("effect", ascending=False)
+        flips = read_table(folder / "flips.csv", ("claim", "choice"))
+        usual = {choice.id: choice.levels[0].level for choice in multiverse.load()}
+        rates = read_table(folder / "papers_rates.csv", ("id", *RATES, "margin"), text=tuple(usual))
+        rates["differ"] = (rates[list(usual)] != pd.Series(usual)).sum(axis=1)
+        sizes = shares.groupby("design")[["universes", "violated"]].max().sum()
+        return {
+            "tested": len(tested),
+            "often": [row for row in tested if row["share"] >= 1 - SELDOM],
+            "between": [row for row in tested if SELDOM < row["share"] < 1 - SELDOM],
+            "seldom": [row for row in tested if row["share"] <= SELDOM],
+            "steps": read_json(folder / "workflow.json")["steps"],
+            "choices": len(usual) - len(DRAWS),
+            "moved": effects[effects["claim"].isin(self.claims)]
+            .groupby("claim")["choice"]
+            .agg(list)
+            .to_dict(),
+            "chance": flips.loc[flips["choice"].isin(DRAWS), "claim"].nunique(),
+            "hits": int((rates["margin"] >= 0).sum()),
+            "rated": len(rates),
+            "nearest": rates.head(NEAREST).to_dict("records"),
+        } | sizes.to_dict()
+
+    def hypotheses(self) -> Row:
+        """Brier scores as multiples of the paper's region, and which hypotheses cannot guard."""
+        folder = self.figures / "hypotheses"
+        names = ("hypothesis", "alpha", "states", "delta", "brier")
+        scores = read_table(folder / "hypotheses_classification.csv", names, text=("alpha",))
+        summary = read_table(folder / "hypotheses_summary.csv", ("hypothesis", "alpha"), text=("alpha",))
+        cells = ["states", "delta", "alpha"]
+        brier = scores.pivot_table(index=cells, columns="hypothesis", values="brier", sort=False)
+        means = brier.groupby(level=["states", "delta"], sort=False).mean()
+        perceptron = (brier["mlp"] / brier[Choices.hypothesis]).dropna()
+        classified, trained = (t[["hypothesis", "alpha"]].drop_duplicates() for t in (scores, summary))
+        never = classified.merge(trained, how="left", indicator=True).query("_merge == 'left_only'")
+        return {
+            "ratio": means.div(means[Choices.hypothesis], axis=0).reset_index().to_dict("records"),
+            "columns": [name for name in means if name not in ORACLES],
+            "cells": len(perceptron),
+            "better": int((perceptron < 1).sum()),
+            "halved": int((perceptron <= HALVED).sum()),
+            "untrained": never.groupby("hypothesis", sort=False)["alpha"].agg(list).to_dict(),
+            "oracles": summary[summary["hypothesis"].isin(ORACLES)].to_dict("records"),
+        }
