@@ -1,6 +1,7 @@
-"""Small training runs that the tests of training and of checkpoints share."""
+"""Small training runs, and what looks on, that the tests of the learner share."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.training import Run, train
@@ -78,3 +80,48 @@ def products(folder: Path) -> dict[str, Any]:
     found |= {f"{i} {name}": float(v.double().sum()) for i, state in moments for name, v in state.items()}
     visited = read_arrays(folder / "visited.npz", VISITED_FORMAT, ("x",))["x"]
     return found | {"result": result, "visited": visited.tobytes()}
+
+
+def learn(model: PPO, steps: int, callback: BaseCallback | None = None, **values: Any) -> None:
+    """Learn from the model's own seed on, whatever was drawn before."""
+    model.set_random_seed(model.seed)
+    model.learn(steps, callback, **values)
+
+
+class Witness(BaseCallback):
+    """Writes down what it is told; says stop at a step."""
+
+    def __init__(self, stop: int = -1) -> None:
+        super().__init__()
+        self.stop, self.rows = stop, []
+
+    def _on_step(self) -> bool:
+        names = ("n_steps", "actions", "clipped_actions", "new_obs", "rewards", "dones")
+        told = {name: np.copy(self.locals[name]) for name in names}
+        info = dict(self.locals["infos"][0])
+        if "episode" in info:
+            info["episode"] = {name: info["episode"][name] for name in ("r", "l")}
+        self.rows.append(told | info | {"timesteps": self.num_timesteps})
+        return self.num_timesteps != self.stop
+
+    def _on_rollout_end(self) -> None:
+        assert self.locals["n_rollout_steps"] == self.model.n_steps
+
+
+def close(a: Any, b: Any, tolerance: float = 1e-3) -> None:
+    """The same but for rounding, which the pendulum amplifies in a trial."""
+    assert np.shape(a) == np.shape(b)
+    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)
+
+
+def agree(told: Sequence[dict[str, Any]], by_stock: Sequence[dict[str, Any]]) -> None:
+    """What two witnesses were told is the same but for rounding."""
+    for a, b in zip(told, by_stock, strict=True):
+        assert a.keys() == b.keys()
+        for name in a:
+            if isinstance(a[name], (str, bool, dict)):
+                assert (
+                    a[name] == pytest.approx(b[name], rel=1e-3) if name == "episode" else a[name] == b[name]
+                )
+            else:
+                close(a[name], b[name])

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from runs import CONFIG, FREE, NARROW, SUPERVISED, UPDATE, narrow_region
+from runs import CONFIG, FREE, NARROW, SUPERVISED, UPDATE, Witness, agree, close, learn, narrow_region
 from scipy.stats import ks_2samp
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
@@ -52,38 +52,6 @@ def pair(run: Run, region: Hypothesis | None, config: Config, **values: Any) -> 
             setattr(model, name, value)
         models.append(model)
     return models[0], models[1]
-
-
-def learn(model: PPO, steps: int, callback: BaseCallback | None = None, **values: Any) -> None:
-    """Learn from the model's own seed on, whatever was drawn before."""
-    model.set_random_seed(model.seed)
-    model.learn(steps, callback, **values)
-
-
-class Witness(BaseCallback):
-    """Writes down what it is told; says stop at a step."""
-
-    def __init__(self, stop: int = -1) -> None:
-        super().__init__()
-        self.stop, self.rows = stop, []
-
-    def _on_step(self) -> bool:
-        names = ("n_steps", "actions", "clipped_actions", "new_obs", "rewards", "dones")
-        told = {name: np.copy(self.locals[name]) for name in names}
-        info = dict(self.locals["infos"][0])
-        if "episode" in info:
-            info["episode"] = {name: info["episode"][name] for name in ("r", "l")}
-        self.rows.append(told | info | {"timesteps": self.num_timesteps})
-        return self.num_timesteps != self.stop
-
-    def _on_rollout_end(self) -> None:
-        assert self.locals["n_rollout_steps"] == self.model.n_steps
-
-
-def close(a: Any, b: Any, tolerance: float = 1e-3) -> None:
-    """The same but for rounding, which the pendulum amplifies in a trial."""
-    assert np.shape(a) == np.shape(b)
-    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)
 
 
 DATA = generate(0.0, Config().with_values(k=200, random_rollouts=200), seed=0)
@@ -154,15 +122,7 @@ def test_callbacks_are_told_what_stock_tells(run: Run, region: Any, values: dict
         assert len(model.ep_info_buffer) == min(100, len(monitor.episode_lengths))
         books[-1] += (monitor.unwrapped.period,)
     assert books[0] == books[1]
-    for a, b in zip(*told, strict=True):
-        assert a.keys() == b.keys()
-        for name in a:
-            if isinstance(a[name], (str, bool, dict)):
-                assert (
-                    a[name] == pytest.approx(b[name], rel=1e-3) if name == "episode" else a[name] == b[name]
-                )
-            else:
-                close(a[name], b[name])
+    agree(*told)
 
 
 def double(model: PPO) -> None:
