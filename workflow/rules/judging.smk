@@ -8,9 +8,6 @@ rule claims:
         f"{MEASURES}/measures/01_pendulum.csv",
         expand(f"{MEASURES}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
         expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
-        f"{TABLES}/measures/06_learning_performance.csv",
-        f"{TABLES}/measures/07_activations_and_failures.csv",
-        f"{TABLES}/measures/10_calibration.csv",
     output:
         notebook=f"{EXECUTED}/08_claims.ipynb",
         claims=f"{FIGURES}/claims.csv",
@@ -20,7 +17,7 @@ rule claims:
         figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],
-        parameters=judging(MEASURES=f"../{MEASURES}/measures", RUNS=RUNS, SEEDS=SEEDS),
+        parameters=judging(MEASURES=f"../{MEASURES}/measures", RUNS=RUNS, SEEDS=SEEDS, STEPS=config["steps"]),
     shell:
         execute("08_claims")
 
@@ -28,15 +25,14 @@ rule claims:
 rule calibration:
     input:
         notebook("10_calibration"),
-        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=[*CALIBRATED, *FREE]),
+        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
         expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
-        measures=f"{TABLES}/measures/10_calibration.csv",
         figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
     params:
         values=config["values"],
-        parameters=judging(RUNS=CALIBRATED, COMMON_RUNS=FREE, DATA_SEED=DATA_SEEDS[0]),
+        parameters=judging(RUNS=CALIBRATED, DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("10_calibration")
 

@@ -11,7 +11,7 @@ rule pendulum:
         animation=f"{PICTURES}/recovery.gif",
     params:
         values=config["values"],
-        parameters=drawing(DELTAS=[1.0, *DELTAS]),
+        parameters=measuring(DELTAS=[1.0, *DELTAS]),
     shell:
         execute("01_pendulum")
 
@@ -48,7 +48,7 @@ rule training_data:
         measures=f"{MEASURES}/measures/02_training_data__data_{{data}}.csv",
     params:
         values=config["values"],
-        parameters=lambda w: drawing(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
+        parameters=lambda w: measuring(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
     shell:
         execute("02_training_data")
 
@@ -62,7 +62,7 @@ rule embedding:
         measures=f"{MEASURES}/measures/03_embedding__data_{{data}}.csv",
     params:
         values=config["values"],
-        parameters=lambda w: drawing(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
+        parameters=lambda w: measuring(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
     shell:
         execute("03_embedding")
 
@@ -76,7 +76,7 @@ rule safe_region:
         measures=f"{MEASURES}/measures/04_safe_region__data_{{data}}.csv",
     params:
         values=config["values"],
-        parameters=lambda w: drawing(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
+        parameters=lambda w: measuring(FIGURES=f"../{figures_of(w.data)}", ALPHAS=NUMBERS, DATA_SEED=int(w.data)),
     shell:
         execute("04_safe_region")
 

@@ -47,10 +47,9 @@ rule run_measures:
 rule learning_performance:
     input:
         notebook("06_learning_performance"),
-        expand(f"{RESULTS}/runs/{{run}}/curve.csv", run=RUNS),
+        expand(f"{RESULTS}/runs/{{run}}/{{table}}.csv", run=RUNS, table=["curve", "measures"]),
     output:
         notebook=f"{EXECUTED}/06_learning_performance.ipynb",
-        measures=f"{TABLES}/measures/06_learning_performance.csv",
         figure=f"{FIGURES}/fig3_abc_learning.pdf",
     params:
         values=config["values"],
@@ -63,10 +62,9 @@ rule learning_performance:
 rule activations_and_failures:
     input:
         notebook("07_activations_and_failures"),
-        expand(f"{RESULTS}/runs/{{run}}/run.json", run=RUNS),
+        expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
     output:
         notebook=f"{EXECUTED}/07_activations_and_failures.ipynb",
-        measures=f"{TABLES}/measures/07_activations_and_failures.csv",
         figure=f"{FIGURES}/fig3_def_counts.pdf",
     params:
         values=config["values"],
