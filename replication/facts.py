@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import RATES, load
+from replication.evidence.claims import RATES, load_claims
 from replication.evidence.measures import TEST_STATES
-from replication.evidence.verdicts import THREE, is_there, judged, resting, rows
+from replication.evidence.verdicts import THREE, is_there, read_verdicts, resting, rows
 from replication.studies import multiverse
 from replication.studies.alternatives import ORACLES
 from replication.studies.theorem import POOLED, SMALLEST
@@ -65,7 +65,7 @@ class Facts:
     @property
     def constants(self) -> Row:
         """Numbers of the package that the documents name."""
-        found = {"stated": len(fields(Paper)), "chosen": len(fields(Choices)), "test_states": TEST_STATES}
+        found = {"stated": len(fields(Paper)), "chosen": len(fields(Choices)), "fresh_states": TEST_STATES}
         return found | {"k": Paper.k, "p_t": Paper.p_t, "largest": LARGEST // 2**20, "stages": STAGES}
 
     def table(self, *place: str) -> list[Row]:
@@ -90,8 +90,8 @@ class Facts:
 
     @cached_property
     def judged(self) -> Row:
-        """See `verdicts.judged`."""
-        return judged(self.figures)
+        """See `verdicts.read_verdicts`."""
+        return read_verdicts(self.figures)
 
     @property
     def grid(self) -> str:
@@ -102,7 +102,7 @@ class Facts:
     def claims(self) -> dict[str, Row]:
         """{id: row of `verdicts.rows`} of the claims, with ``section``, and ``three``, the first verdict."""
         places = {measure: section for section, measures in SECTIONS.items() for measure in measures}
-        measures = {claim.id: claim.measure for claim in load()}
+        measures = {claim.id: claim.measure for claim in load_claims()}
         told = {row["id"]: row for row in rows(self.figures, self.judged)}
         for name, row in told.items():
             row["section"] = places.get(measures[name], "safety")
@@ -126,7 +126,7 @@ class Facts:
 
     def late(self) -> int:
         """How many of the well-posed tests were written when three seeds had been seen."""
-        first = {claim.id for claim in load()[:FIRST_TESTS]}
+        first = {claim.id for claim in load_claims()[:FIRST_TESTS]}
         return sum(row["id"] not in first for row in self.posed)
 
     def all(self, verdict: str, *claims: str) -> bool:
@@ -235,7 +235,7 @@ class Facts:
         effects = read_table(folder / "main_effects.csv", ("claim", "choice", "effect", "q"))
         effects = effects[effects["q"] < multiverse.LEVEL].sort_values("effect", ascending=False)
         flips = read_table(folder / "flips.csv", ("claim", "choice"))
-        usual = {choice.id: choice.levels[0].level for choice in multiverse.load()}
+        usual = {choice.id: choice.levels[0].level for choice in multiverse.load_choices()}
         rates = read_table(folder / "papers_rates.csv", ("id", *RATES, "margin"), text=tuple(usual))
         rates["differ"] = (rates[list(usual)] != pd.Series(usual)).sum(axis=1)
         sizes = shares.groupby("design")[["universes", "violated"]].max().sum()

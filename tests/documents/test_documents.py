@@ -74,7 +74,7 @@ def test_other_verdicts_take_the_sentences_away(larger: Path) -> None:
     """In a larger set by which every claim is partly so, nothing is said to hold or not to."""
     text = render("README.md", larger)
     assert "**The paper asks**" in text and "**It " not in text
-    assert "0 are reproduced, 22 partly, 0 not, and 0 are open, with 10 seeds" in text
+    assert "0 are reproduced, 22 partly, 0 are not, and 0 are open, with 10 seeds" in text
 
 
 def test_every_part_that_was_not_run_says_so(larger: Path) -> None:

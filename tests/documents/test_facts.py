@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from replication.documents import DOCS, FIGURES, ROOT
-from replication.evidence.claims import load
+from replication.evidence.claims import load_claims
 from replication.evidence.verdicts import LONG
 from replication.facts import Facts, sign, text_of
 from replication.studies import multiverse
@@ -26,10 +26,10 @@ def universes(tmp_path_factory: pytest.TempPathFactory) -> Facts:
     """Tables of a multiverse in which Γ's evidence alone decides the three rates; all else is chance."""
     folder = tmp_path_factory.mktemp("figures") / "multiverse"
     folder.mkdir()
-    universes, rng = multiverse.design(multiverse.load()), np.random.default_rng(3)
+    universes, rng = multiverse.design(multiverse.load_choices()), np.random.default_rng(3)
     embedded = (universes["gamma-evidence"] == "embedded").to_numpy()
     tables = []
-    for claim in load():
+    for claim in load_claims():
         margin = value = rng.normal(size=len(universes))
         if claim.id in multiverse.RATES:
             below = np.where(embedded, 0.03, 0.09) + 1e-6 * margin
@@ -62,7 +62,7 @@ def test_signs_follow_the_rule_of_the_verdicts(states: str, expected: str) -> No
 
 def test_claims_by_delta() -> None:
     """Every well-posed claim that is tested for each Δ, and no other; each sign by its own contrasts."""
-    tested = {claim.id for claim in load() if claim.for_each == "delta" and not claim.ill_posed}
+    tested = {claim.id for claim in load_claims() if claim.for_each == "delta" and not claim.ill_posed}
     assert set(KEPT.by_delta) == tested
     assert all(list(signs) == [1.1, 1.5, 4.0] for signs in KEPT.by_delta.values())
     contrasts = pd.read_csv(FIGURES / "seeds_10" / "contrasts.csv")
@@ -76,7 +76,7 @@ def test_claims_by_delta() -> None:
 
 
 def test_every_claim_stands_once() -> None:
-    tests = {claim.id: claim for claim in load()}
+    tests = {claim.id: claim for claim in load_claims()}
     assert set(KEPT.claims) == set(tests)
     sections = pd.Series({row["id"]: row["section"] for row in KEPT.posed}).value_counts().to_dict()
     assert sections == {"safety": 9, "learning": 6, "data": 5, "generalisation": 2}
@@ -131,13 +131,13 @@ def test_every_parameter_stands_in_the_ledger() -> None:
 
 
 def test_what_the_multiverse_says(universes: Facts) -> None:
-    found, design = universes.multiverse(), multiverse.design(multiverse.load())
+    found, design = universes.multiverse(), multiverse.design(multiverse.load_choices())
     embedded = design["gamma-evidence"] == "embedded"
     assert found["universes"] == len(design) and found["violated"] == 0 and found["steps"] == 7
     assert all(found["moved"][rate] == ["gamma-evidence"] for rate in multiverse.RATES)
     assert found["hits"] == embedded.sum()
     nearest = found["nearest"][0]
-    levels = {c.id: c.levels[0].level for c in multiverse.load()}
+    levels = {c.id: c.levels[0].level for c in multiverse.load_choices()}
     assert nearest["differ"] == sum(
         design.loc[nearest["id"], name] != level for name, level in levels.items()
     )
