@@ -23,6 +23,7 @@ PACKAGES = (
     "matplotlib",
 )
 
+MADE_BY = "SRLREPRO_MADE_BY"  # variable in which an executed notebook is told what makes its figures (JSON)
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
