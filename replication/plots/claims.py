@@ -26,7 +26,7 @@ TITLE_WIDTH = 84  # characters of a panel's title in a line
 def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
     """One claim, a contrast a row: seeds (dots), mean (marker) and interval (line), coloured by state.
 
-    The claim holds in the shaded range. contrasts: of one claim, as `claims.evaluate` gives them.
+    The claim holds in the shaded range. contrasts: of one claim, as `claims.contrasts_of` gives them.
     """
     for place, row in enumerate(contrasts.to_dict("records")):
         if row["n"] == 0:
@@ -50,7 +50,7 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
 
 
 def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int = 2) -> Figure:
-    """The forest plot of all claims, in columns of about the same height; both tables by `claims.judge`."""
+    """The forest plot of all claims, in columns of about the same height; both tables by `judge_claims`."""
     sizes = contrasts.groupby("id", sort=False).size() + HEAD
     column = (columns * (sizes.cumsum() - sizes / 2) / sizes.sum()).astype(int)
     figure = plt.figure(figsize=(5.4 * columns, ROW * sizes.groupby(column).sum().max()))

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,9 +21,13 @@ def plot_scores(scores: pd.DataFrame) -> Figure:
     names = list(scores["hypothesis"].unique())
     groups = list(scores.groupby(["states", "delta"], sort=False))
     figure, axes = plt.subplots(
-        len(SCORES), len(groups), sharex=True, sharey="row", figsize=(1.9 * len(groups) + 0.8, 6.4)
+        len(SCORES),
+        len(groups),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        figsize=(1.9 * len(groups) + 0.8, 6.4),
     )
-    axes = np.reshape(axes, (len(SCORES), len(groups)))
     for column, ((states, delta), table) in zip(axes.T, groups, strict=True):
         system = "nominal" if delta == 1 else rf"$\Delta = {delta:g}$"
         column[0].set_title(f"{states}\n{system}")
@@ -49,9 +52,9 @@ def plot_learning_under(measures: pd.DataFrame, shown: Mapping[str, str]) -> Fig
         len(deltas),
         sharex=True,
         sharey="row",
+        squeeze=False,
         figsize=(4.2 * len(deltas), 1.8 * len(shown) + 0.8),
     )
-    axes = np.reshape(axes, (len(shown), len(deltas)))
     for row, (measure, text) in zip(axes, shown.items(), strict=True):
         for ax, delta in zip(row, deltas, strict=True):
             here = (measures["measure"] == measure) & (measures["delta"] == delta)

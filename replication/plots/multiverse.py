@@ -20,7 +20,11 @@ TITLE_WIDTH = 70  # characters that fit above the axes
 
 
 def curve_table(claim: Claim, results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
-    """The universes that the claim can be evaluated in, by rising value: id, value, holds, design, levels."""
+    """What `plot_curve` draws.
+
+    Returns:
+        The universes in which the claim can be evaluated, by rising value: id, value, holds, design, levels.
+    """
     own = results[(results["claim"] == claim.id) & results["holds"].notna()]
     own = own.join(universes, on="id").drop(columns=["claim", "margin", "why"])
     return own.assign(holds=own["holds"].astype(bool)).sort_values("value", kind="stable", ignore_index=True)
@@ -87,11 +91,15 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
 
 
 def plot_shares(table: pd.DataFrame) -> Figure:
-    """The share of universes in which each claim holds, by design, with its interval; table: of `shares`."""
+    """The share of universes in which each claim holds, by design, with its interval.
+
+    table: of `shares`; claims that no universe can evaluate are left out.
+    """
+    table = table.dropna(subset="share")
     names = list(dict.fromkeys(table["claim"]))[::-1]
     figure, ax = plt.subplots(figsize=(7.0, 0.32 * len(names) + 1.2))
     for shift, (kind, shape) in zip((0.14, -0.14), SHAPES.items(), strict=True):
-        part = table[table["design"] == kind].dropna(subset="share")
+        part = table[table["design"] == kind]
         place = part["claim"].map(names.index) + shift
         reach = [part["share"] - part["low"], part["high"] - part["share"]]
         ax.errorbar(part["share"], place, xerr=reach, fmt=shape, color=INK, markersize=4, label=kind)

@@ -137,7 +137,7 @@ def _name_conditions(ax: Axes, names: list[str]) -> None:
 def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str, str]) -> None:
     """Theorem 1: the three terms of the bound as stacked bars, means over seeds; dots are the seeds.
 
-    table: a row per α (``alpha``), seed and class H (``class``), with the columns of `theorem.evaluate`.
+    table: a row per α (``alpha``), seed and class H (``class``), with the columns of `theorem.term_table`.
     Filled dots: the true error; open dots: the bound. stacked: the class of the bars; marked: {class: marker}
     of further classes, whose bounds are marks.
     """

@@ -1,5 +1,6 @@
 """Animations: their pictures, and the note on each."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 from matplotlib import colors
 from PIL import Image
 
-from replication.plots.pendulum import animate
-from replication.plots.style import STAMP
+from replication.plots.pendulum import animate, animate_trials
+from replication.plots.style import CORRECTIVE, STAMP
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.pendulum import ThreeLinkPendulum
+from srlrepro.learner.trials import Trial
 from srlrepro.settings.config import Config
 
 
@@ -20,9 +23,16 @@ def leaning(path: Path, note: str) -> None:
     animate(path, [("leaning", ThreeLinkPendulum().joints(x), "black")], Config().paper, 0.05, note)
 
 
-def reddest(path: Path) -> list[float]:
-    """For each picture, the smallest distance of a pixel from the colour of notes, of 255."""
-    stamp, found = np.array(colors.to_rgb(STAMP)) * 255, []
+def standing(path: Path, note: str) -> None:
+    """A trial of half a second without motion; K acts in its second half."""
+    joints, acting = ThreeLinkPendulum().joints(np.zeros((51, 6))), np.arange(51) > 25
+    trial = Trial(joints, np.zeros((51, 2)), acting, total=0.0, steps=26, outcome="recovered")
+    animate_trials(path, [("standing", trial)], ThreeLinkCircleEnv(), note)
+
+
+def nearest(path: Path, tint: str) -> list[float]:
+    """For each picture, the smallest distance of a pixel from a colour, of 255."""
+    stamp, found = np.array(colors.to_rgb(tint)) * 255, []
     with Image.open(path) as picture:
         for frame in range(picture.n_frames):
             picture.seek(frame)
@@ -39,6 +49,13 @@ def test_an_animation_has_a_picture_per_stride_and_holds_its_end(tmp_path: Path)
 
 
 @pytest.mark.parametrize("note", ["", "reduced: 3000 of 1500000 training steps; varied: p_t = 0.5"])
-def test_a_note_is_on_every_picture(tmp_path: Path, note: str) -> None:
-    leaning(tmp_path / "a.gif", note)
-    assert {distance < 40 for distance in reddest(tmp_path / "a.gif")} == {bool(note)}
+@pytest.mark.parametrize("write", [leaning, standing])
+def test_a_note_is_on_every_picture(tmp_path: Path, write: Callable[[Path, str], None], note: str) -> None:
+    write(tmp_path / "a.gif", note)
+    assert {distance < 40 for distance in nearest(tmp_path / "a.gif", STAMP)} == {bool(note)}
+
+
+def test_the_pendulum_changes_its_colour_while_k_acts(tmp_path: Path) -> None:
+    standing(tmp_path / "a.gif", "")
+    acting = [distance < 40 for distance in nearest(tmp_path / "a.gif", CORRECTIVE)]
+    assert not any(acting[:6]) and all(acting[6:])  # a picture stands for 0.05 s
