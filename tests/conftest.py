@@ -8,10 +8,12 @@ from pathlib import Path
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 from learned import Learned
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from replication.documents import FIGURES
 from srlrepro.dynamics.pendulum import Floats
@@ -67,6 +69,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for case in CASES:
         case.train(folders[case.name])
     return folders
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the off-screen figures pass for windows."""
+    plt.switch_backend("Agg")
+    monkeypatch.setattr(FigureCanvasAgg, "required_interactive_framework", "some toolkit")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

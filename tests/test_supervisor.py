@@ -8,13 +8,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import RecordEpisodeStatistics
+from sklearn.svm import SVC
 
+from srlrepro import ENVIRONMENT
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.lqg import LQG
 from srlrepro.dynamics.pendulum import Floats
+from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.supervisor import Supervisor
 
 IDLE = np.zeros(3, np.float32)
@@ -186,5 +190,73 @@ def test_wrapped_tasks_are_welcome_and_other_environments_are_not() -> None:
     wrapped = Supervisor(RecordEpisodeStatistics(ThreeLinkCircleEnv()), unsafe_at(1), LQG())
     wrapped.reset()
     assert wrapped.step(IDLE)[4]["recovery"] == "recovered"
-    with pytest.raises(ValueError, match="must be a ThreeLinkCircleEnv"):
+    with pytest.raises(ParameterError, match="must be a ThreeLinkCircleEnv"):
         Supervisor(gym.make("CartPole-v1"), unsafe_at(1), LQG())
+
+
+def test_a_task_of_gymnasium_make_is_supervised_in_the_same_way() -> None:
+    plain, made = (
+        Supervisor(env, unsafe_at(5), LQG()) for env in (ThreeLinkCircleEnv(), gym.make(ENVIRONMENT))
+    )
+    for first, second in zip(trial(plain, random_policy(3)), trial(made, random_policy(3)), strict=True):
+        np.testing.assert_array_equal(first[0], second[0])
+        assert first[1:] == second[1:]
+
+
+def test_a_classifier_of_scikit_learn_is_a_hypothesis() -> None:
+    """It takes states [B, 6] only: a state alone would be refused."""
+    x = np.random.default_rng(0).uniform(-1, 1, (200, 6))
+    region = SVC().fit(x, np.abs(x[:, 0]) < 0.5)
+    env = supervise(region)
+    steps = trial(env, lambda: np.array([0.6, 0, 0], np.float32))
+    assert steps[-1][4]["activated"]
+    assert region.predict([env.task.state])[0] == 0
+
+
+class Controller:
+    """Someone's own K."""
+
+    def control(self, x: Floats) -> Floats:
+        return -x[:3]
+
+
+@pytest.mark.parametrize(("name", "own"), [("controller", Controller()), ("region", Controller())])
+def test_parts_of_another_kind_are_refused_at_once(name: str, own: Any) -> None:
+    parts: dict[str, Any] = {"region": unsafe_at(1), "controller": LQG(), name: own}
+    with pytest.raises(ParameterError, match=rf"{name} = .*Controller.*: must be ") as refused:
+        Supervisor(ThreeLinkCircleEnv(), **parts)
+    assert "\n" not in str(refused.value)
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Floats]:
+    """The joints of all that a view draws from now on."""
+    found: list[Floats] = []
+    monkeypatch.setattr(PendulumView, "draw", lambda self, joints, target, title: found.append(joints))
+    return found
+
+
+def test_the_recovery_can_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = Supervisor(ThreeLinkCircleEnv(render_mode="rgb_array"), unsafe_at(5), LQG())
+    env.reset()
+    assert env.recovery_frames() == [] and env.recovery_path.shape == (0, 6)
+    info = trial(env, random_policy(3), LEANING)[-1][4]
+    frames, path = env.recovery_frames(), env.recovery_path
+    assert len(frames) == len(path) == round(info["recovery_time"] / env.task.rule.control_period) > 10
+    assert env.recovery is not None
+    np.testing.assert_array_equal(path[-1], env.recovery.paths[0, -1])
+    last = env.render()
+    assert all(frame.shape == last.shape and frame.dtype == np.uint8 for frame in frames)
+    assert (frames[0] != frames[-1]).any()
+    joints = drawn(monkeypatch)
+    env.recovery_frames()
+    np.testing.assert_array_equal(joints, env.task.pendulum.joints(path))
+
+
+def test_the_window_shows_the_recovery(window: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PendulumView, "show", lambda self, now: None)
+    joints = drawn(monkeypatch)
+    env = Supervisor(ThreeLinkCircleEnv(render_mode="human"), unsafe_at(5), LQG())
+    steps = trial(env, random_policy(3), LEANING)
+    assert len(joints) == 1 + len(steps) + len(env.recovery_path)
+    np.testing.assert_array_equal(joints[-1], env.task.pendulum.joints(env.recovery_path)[-1])
+    env.close()

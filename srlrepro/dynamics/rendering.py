@@ -43,16 +43,16 @@ def open_window() -> Figure:
 
     try:
         figure = plt.figure(figsize=SIZE, layout="constrained")
-        missing = figure.canvas.required_interactive_framework is None
+        if figure.canvas.required_interactive_framework is not None:
+            plt.show(block=False)
+            return figure
+        plt.close(figure)
     except ImportError:
-        missing = True
-    if missing:
-        raise DependencyNotInstalled(
-            f'render_mode="human" needs a display and a GUI toolkit (such as: pip install PyQt6); matplotlib '
-            f'has only {plt.get_backend()}. render_mode="rgb_array" needs neither'
-        )
-    plt.show(block=False)
-    return figure
+        pass
+    raise DependencyNotInstalled(
+        f'render_mode="human" needs a display and a GUI toolkit (such as: pip install PyQt6); matplotlib has '
+        f'only {plt.get_backend()}. render_mode="rgb_array" needs neither'
+    )
 
 
 class PendulumView:

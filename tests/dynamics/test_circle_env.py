@@ -5,13 +5,17 @@ from math import inf, nan, pi
 from typing import Any
 
 import gymnasium as gym
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils.env_checker import check_env
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from stable_baselines3.common.env_checker import check_env as check_env_for_learning
 
 import srlrepro  # noqa: F401  (registers the task)
-from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, advance, observe, target
+from srlrepro.dynamics import rendering
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, advance, observe, perfect_return, target
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
 from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.settings.config import Config
@@ -35,7 +39,7 @@ def random_actions(n: int, seed: int = 0) -> Floats:
     return np.random.default_rng(seed).uniform(-1, 1, (n, 3)).astype(np.float32)
 
 
-def test_the_checkers_find_nothing() -> None:
+def test_the_checkers_find_nothing(window: None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*infinity.*")  # the observations have no bounds
@@ -233,7 +237,76 @@ def test_without_a_mode_there_is_no_picture() -> None:
         assert ThreeLinkCircleEnv().render() is None
 
 
-def test_the_window_follows_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_return_of_a_perfect_trial_is_r_c_in_every_period() -> None:
+    assert perfect_return(Config()) == 2.0 * 400
+    config = Config().with_values(reward_constant=3.0, trial_length=0.7, control_period=0.02)
+    assert perfect_return(config) == 3.0 * ThreeLinkCircleEnv(config=config).arrays.periods == 3.0 * 35
+
+
+@pytest.mark.parametrize("period", [0.01, 0.02])
+def test_videos_run_in_real_time(period: float) -> None:
+    """One picture per step."""
+    config = Config().with_values(control_period=period)
+    env = ThreeLinkCircleEnv(render_mode="rgb_array", config=config)
+    assert env.metadata["render_fps"] == round(1 / period)
+    assert ThreeLinkCircleEnv.metadata["render_fps"] == round(1 / Config().choices.control_period)
+
+
+def test_a_window_needs_a_gui_toolkit(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = gym.make("srlrepro/ThreeLinkCircle-v0", render_mode="human")
+    with pytest.raises(DependencyNotInstalled, match='render_mode="human" needs a display') as refused:
+        env.reset()
+    assert "\n" not in str(refused.value)
+    assert plt.get_fignums() == []
+
+    def without_display(**values: Any) -> None:
+        raise ImportError("Cannot load backend 'QtAgg'")
+
+    monkeypatch.setattr(plt, "figure", without_display)
+    with pytest.raises(DependencyNotInstalled, match='render_mode="human" needs a display'):
+        ThreeLinkCircleEnv(render_mode="human").reset()
+
+
+@pytest.mark.parametrize("cost", [0.0, 0.04], ids=["quick", "as slow as a window"])
+def test_a_window_runs_in_real_time(cost: float, window: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a clock by which a picture takes 40 ms: pictures are left out. Where they cost nothing, all wait."""
+    now, pictures = 100.0, []
+
+    def wait(canvas: Any, seconds: float) -> None:
+        nonlocal now
+        now += max(seconds, cost)
+        pictures.append(now)
+
+    monkeypatch.setattr(FigureCanvasAgg, "start_event_loop", wait)
+    monkeypatch.setattr(rendering.time, "perf_counter", lambda: now)
+    env = ThreeLinkCircleEnv(render_mode="human")
+    for _ in range(2):  # the second trial starts late, and is in real time too
+        pictures.clear()
+        now += 5.0
+        env.reset()
+        began = pictures[0] - cost
+        for _ in range(100):
+            env.step(IDLE)
+        assert now - began == pytest.approx(1.0, abs=0.1)
+        assert len(pictures) == pytest.approx(101 if cost == 0 else 1.0 / cost, rel=0.3)
+    env.close()
+    assert plt.get_fignums() == []
+
+
+def test_a_slow_policy_is_seen_now_and_then(window: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    now, pictures = 100.0, []
+    monkeypatch.setattr(FigureCanvasAgg, "start_event_loop", lambda canvas, seconds: pictures.append(now))
+    monkeypatch.setattr(rendering.time, "perf_counter", lambda: now)
+    env = ThreeLinkCircleEnv(render_mode="human")
+    env.reset()
+    for _ in range(100):
+        now += 0.05
+        env.step(IDLE)
+    assert len(pictures) == pytest.approx(100 * 0.05 / rendering.LONGEST_GAP, abs=5)
+    env.close()
+
+
+def test_the_window_follows_every_step(window: None, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[str] = []
     monkeypatch.setattr(PendulumView, "draw", lambda self, joints, target, title: drawn.append(title))
     env = ThreeLinkCircleEnv(render_mode="human")

@@ -2,8 +2,9 @@
 
 import io
 import json
+import shutil
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,11 +14,25 @@ import pandas as pd
 import pytest
 import torch
 from learned import Learned
-from runs import CONDITIONS, CONFIG, FREE, NARROW, STOCK, SUPERVISED, UPDATE, UPDATES, Case, products, quiet
+from runs import (
+    CASES,
+    CONDITIONS,
+    CONFIG,
+    FREE,
+    NARROW,
+    STOCK,
+    SUPERVISED,
+    UPDATE,
+    UPDATES,
+    Case,
+    products,
+    quiet,
+)
 from stable_baselines3 import PPO
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.learner import VISITED_FORMAT
+from srlrepro.fast_ppo.ppo import CompiledPPO
+from srlrepro.learner import VISITED_FORMAT, training
 from srlrepro.learner.training import (
     TRIAL_COLUMNS,
     Run,
@@ -29,6 +44,7 @@ from srlrepro.learner.training import (
 )
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import ResultError, read_arrays
 from srlrepro.supervisor import Supervisor
@@ -38,8 +54,8 @@ from srlrepro.supervisor import Supervisor
 def test_trained_twice_gives_the_same_numbers(case: Case, whole: dict[str, Path], tmp_path: Path) -> None:
     case.train(tmp_path)
     assert products(tmp_path) == products(whole[case.name])
-    replace(case, run=replace(case.run, seed=case.run.seed + 1)).train(tmp_path)
-    assert products(tmp_path)["visited"] != products(whole[case.name])["visited"]
+    replace(case, run=replace(case.run, seed=case.run.seed + 1)).train(tmp_path / "other")
+    assert products(tmp_path / "other")["visited"] != products(whole[case.name])["visited"]
 
 
 @pytest.mark.parametrize("where", ["folder", "checkpoint"])
@@ -212,6 +228,82 @@ def test_every_update_takes_its_epochs_of_minibatches(
     monkeypatch.setattr(torch.optim.Adam, "step", counted)
     train(Run(None, 1.0, 0, 2 * UPDATE), STOCK, None, tmp_path, report=quiet)
     assert len(steps) == 2 * CONFIG.paper.n_epochs * CONFIG.paper.n_minibatches
+
+
+@pytest.mark.parametrize("other", [{"seed": 7}, {"steps": UPDATE}, {"alpha": 0.4}, {"delta": 1.1}])
+def test_a_finished_run_is_not_replaced_by_another(
+    other: dict[str, Any], whole: dict[str, Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(whole["supervised"], folder)
+    case = CASES[1]
+    with pytest.raises(ResultError, match="holds a finished training of another run") as refused:
+        replace(case, run=replace(case.run, **other)).train(folder, folder / "checkpoint.zip")
+    assert "\n" not in str(refused.value)
+    assert contents(folder) == contents(whole["supervised"])
+
+
+def test_nor_by_another_configuration_or_region(whole: dict[str, Path], tmp_path: Path) -> None:
+    folder, case = tmp_path / "run", CASES[1]
+    shutil.copytree(whole["supervised"], folder)
+    with pytest.raises(ResultError, match="finished training of another config:"):
+        case.train(folder, learning_rate=2e-4)
+    with pytest.raises(ResultError, match="finished training of another config and region:"):
+        replace(case, region=NARROW).train(folder, learner="stock")
+    (folder / "run.json").write_text("[]")
+    with pytest.raises(ResultError, match="finished training of another run and config and region:"):
+        case.train(folder)
+    (folder / "run.json").write_text("{")
+    with pytest.raises(ResultError, match=r"run\.json is truncated"):
+        case.train(folder)
+
+
+def test_the_same_run_is_trained_anew(whole: dict[str, Path], tmp_path: Path) -> None:
+    """As the workflow does where its code has changed; a kill in between leaves no mixture."""
+    folder, case = tmp_path / "run", CASES[0]
+    shutil.copytree(whole[case.name], folder)
+    (folder / "trials.csv").write_text("of older code")
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(training, "write_table", interrupted)
+        case.train(folder)
+    assert not (folder / "run.json").exists()
+    case.train(folder)
+    assert products(folder) == products(whole[case.name])
+
+
+def interrupted(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def lose(model: PPO) -> None:
+    """An update that ends in NaN."""
+    with torch.no_grad():
+        model.policy.log_std.fill_(np.nan)
+
+
+@pytest.mark.parametrize("updates", [1, 3])
+@pytest.mark.parametrize("learner", ["compiled", "stock", "compiled, really"])
+def test_a_policy_that_diverges_is_no_result(
+    learner: str, updates: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, config = Run(None, 1.0, 0, updates * UPDATE), CONFIG.with_values(learner=learner.split(",")[0])
+    if learner == "compiled, really":
+        config = config.with_values(learning_rate=1e38)
+    else:
+        monkeypatch.setattr(CompiledPPO if learner == "compiled" else PPO, "train", lose)
+    with pytest.raises(ResultError, match=r"the policy has diverged within 64 steps: .* is not finite"):
+        train(run, config, None, tmp_path / "run", tmp_path / "checkpoint.zip", report=quiet)
+    assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_a_run_is_a_condition_with_steps() -> None:
+    """run.json keeps its form, and its order."""
+    assert isinstance(FREE, Condition) and FREE.name == "alpha_none__delta_1.5__seed_3"
+    assert list(asdict(FREE)) == ["alpha", "delta", "seed", "steps"]
 
 
 def test_a_region_comes_with_alpha_and_only_then(tmp_path: Path) -> None:
