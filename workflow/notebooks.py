@@ -6,6 +6,7 @@ code cell ran, and every result file that the notebook promises is new.
 """
 
 import ast
+import hashlib
 import json
 import logging
 import math
@@ -41,6 +42,7 @@ from workflow.sources import code_of
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 IRI_GRAMMAR = "rfc3987_syntax"  # of IRIs: the validator takes two seconds to build it; no notebook holds one
+LONGEST_RECORD = 2**16  # Linux takes 128 KiB in a variable
 SETTINGS = "SETTINGS"
 NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
@@ -153,12 +155,10 @@ def execute(
     results, record = list(results), output.with_suffix(".json")
     record.unlink(missing_ok=True)
     before, started, code = [_written(path) for path in results], time.monotonic(), code_of(str(notebook))
-    made_by = {"notebook": notebook.name, "parameters": parameters, "code": code}
-    made_by["command"] = os.environ.get(COMMAND_VARIABLE, "")
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
         os.environ.update(dict.fromkeys(THREADS, "1"))
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
-        os.environ[MADE_BY] = json.dumps(made_by, ensure_ascii=False, sort_keys=True)
+        os.environ[MADE_BY] = _made_by(notebook, parameters, code)
         transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
         try:
             papermill.execute_notebook(
@@ -193,6 +193,17 @@ def execute(
         made = provenance(time.monotonic() - started, resource.RUSAGE_CHILDREN, code)
         digests = {str(path): sha256(path) for path in results if path.suffix in WITHOUT_CHECKSUM}
         write_json(record, {"parameters": parameters} | made | {"sha256": digests})
+
+
+def _made_by(notebook: Path, parameters: dict[str, Any], code: str) -> str:
+    """What a notebook's figures carry as their record, JSON of at most `LONGEST_RECORD` characters."""
+    made = {"notebook": notebook.name, "parameters": parameters, "code": code}
+    made["command"] = os.environ.get(COMMAND_VARIABLE, "")
+    text = json.dumps(made, ensure_ascii=True, sort_keys=True)
+    if len(text) > LONGEST_RECORD:
+        made["parameters"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+        text = json.dumps(made, ensure_ascii=True, sort_keys=True)
+    return text
 
 
 @contextmanager
