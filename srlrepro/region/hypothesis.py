@@ -15,12 +15,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srlrepro.dynamics.closed_loop import (
-    RECOVERED,
-    Labels,
-    Limits,
-    recover,
-)
+from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Limits, recover
 from srlrepro.dynamics.lqg import Gains
 from srlrepro.dynamics.pendulum import Coefficients, Floats, jit
 from srlrepro.region.mapping import map_state

@@ -11,7 +11,6 @@ e_i = y_i, where t-SNE, which knows the label, has put it.)
 
 import hashlib
 from dataclasses import replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from srlrepro.samplers import TrainingData, known_states
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import MOST_SEED
 from srlrepro.settings.config import Config, check_parameters
-from srlrepro.settings.fields import check, check_whole
+from srlrepro.settings.fields import check, check_whole, is_number
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, write_made_of
@@ -133,10 +132,11 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         """See that the parameters are allowed, and that there are k ≥ 2 training states."""
         check_parameters(self.get_params())
         high, seed = self.state_max, self.random_state
-        ok = isinstance(high, tuple) and len(high) == 6
-        ok = ok and all(isinstance(v, Real) and 0 < v < np.inf for v in high)
-        check(ok, "state_max", high, "a tuple of six numbers in (0, inf)")
-        check_whole("random_state", int(seed) if isinstance(seed, np.integer) else seed, 0, MOST_SEED)
+        six = (
+            isinstance(high, tuple) and len(high) == 6 and all(is_number(v) and 0 < v < np.inf for v in high)
+        )
+        check(six, "state_max", high, "a tuple of six numbers in (0, inf)")
+        check_whole("random_state", int(seed) if is_number(seed, whole=True) else seed, 0, MOST_SEED)
         check(k >= 2, "k", k, "a whole number in [2, inf)")
 
     def transform(self, x: ArrayLike) -> Floats:

@@ -65,11 +65,7 @@ def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
     matrix = np.asarray(omega, dtype=np.float64)
     supported = min(perplexity, (len(matrix) - 1) / 3)
     tsne = TSNE(
-        metric="precomputed",
-        initialization="spectral",
-        perplexity=supported,
-        n_jobs=1,
-        random_state=seed,
+        metric="precomputed", initialization="spectral", perplexity=supported, n_jobs=1, random_state=seed
     )
     return np.array(tsne.fit(matrix), dtype=np.float64)
 

@@ -2,10 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
-from srlrepro.settings.fields import ParameterError, check, check_whole, one_line
+from srlrepro.settings.fields import ParameterError, check, check_whole, is_number, one_line
 
 NONE = "none"  # the text of α where there is no supervisor
 MOST_SEED = 2**32 - 1  # that numpy's global generator and scikit-learn take
@@ -34,14 +33,12 @@ def parse_alpha(text: str, name: str = "alpha") -> float | None:
 
 def check_share(alpha: Any) -> None:
     """Raise `ParameterError` unless α is a share of UD."""
-    ok = isinstance(alpha, Real) and not isinstance(alpha, bool) and 0 <= alpha <= 1
-    check(ok, "alpha", alpha, "a number in [0, 1]")
+    check(is_number(alpha) and 0 <= alpha <= 1, "alpha", alpha, "a number in [0, 1]")
 
 
 def check_delta(delta: Any) -> None:
     """Raise `ParameterError` unless Δ is a mass mismatch."""
-    ok = isinstance(delta, Real) and not isinstance(delta, bool) and 0 < delta < math.inf
-    check(ok, "delta", delta, "a finite number > 0")
+    check(is_number(delta) and 0 < delta < math.inf, "delta", delta, "a finite number > 0")
 
 
 @dataclass(frozen=True)

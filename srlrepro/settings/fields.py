@@ -8,7 +8,7 @@ is installed.
 
 import math
 from dataclasses import Field, field, fields
-from numbers import Integral, Number, Real
+from numbers import Integral, Real
 from typing import Any
 
 STAGES = {  # in their order: what is made there
@@ -46,6 +46,11 @@ def check(ok: bool, name: str, value: object, allowed: str) -> None:
         raise ParameterError(f"{one_line(name)} = {one_line(value)}: must be {allowed}")
 
 
+def is_number(value: Any, whole: bool = False) -> bool:
+    """Whether a value is a number, Python's or of another library; a truth value is none."""
+    return not isinstance(value, bool) and isinstance(value, Integral if whole else Real)
+
+
 def stated(stage: str, default: Any, allowed: str, unit: str, meaning: str, place: str) -> Any:
     """A field of `Paper`; ``allowed`` is an interval such as ``(0, 1]``, or names separated by ``|``."""
     known = {"stage": stage, "allowed": allowed, "unit": unit, "meaning": meaning, "place": place}
@@ -68,9 +73,8 @@ def check_field(f: "Field[Any]", value: Any) -> None:
         check(isinstance(value, bool), f.name, value, "true or false")
         return
     kind = f"a {'whole ' if whole else ''}number in {allowed}"
-    ok = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-    check(ok, f.name, value, kind)
-    if isinstance(value, Integral):
+    check(is_number(value, whole), f.name, value, kind)
+    if is_number(value, whole=True):
         check(abs(value) <= LARGEST_WHOLE, f.name, value, f"{kind}, at most {LARGEST_WHOLE}")
     low, high = (float(bound) for bound in allowed[1:-1].split(","))
     above = value >= low if allowed[0] == "[" else value > low
@@ -83,8 +87,8 @@ def check_fields(values: Any) -> None:
     for f in fields(values):
         value = getattr(values, f.name)
         check_field(f, value)
-        if isinstance(value, Number) and type(value) not in (int, float, bool):
-            object.__setattr__(values, f.name, f.type(value))
+        if is_number(value) and not isinstance(value, (int, float)):
+            object.__setattr__(values, f.name, (int if f.type is int else float)(value))
 
 
 def check_whole(name: str, value: Any, least: int, most: int = LARGEST_WHOLE) -> None:

@@ -8,11 +8,10 @@ than `LARGEST` bytes of it, and raise `ResultError`, one line that names the fil
 import errno
 import hashlib
 import json
-import os
-import tempfile
+import secrets
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,18 +43,14 @@ def beside(path: Path) -> Iterator[Path]:
     path = Path(path)
     if path.is_dir():
         raise ResultError(f"cannot write {path}: it is a folder")
+    temporary = path.with_name(f".{path.stem}{UNFINISHED}{secrets.token_hex(4)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.stem}{UNFINISHED}", suffix=path.suffix, dir=path.parent
-        )
+        temporary.touch(exist_ok=False)
     except OSError as error:
         raise ResultError(f"cannot write to {path.parent}: {error.strerror}") from error
-    os.close(handle)
-    temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except OSError as error:
         if error.errno not in FULL:
@@ -77,48 +72,30 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 def require_writable(folder: Path) -> None:
     """Make the folder, and see that a file can be written there.
 
     Raises:
         ResultError: it cannot.
     """
-    with suppress(_ProbeError), beside(Path(folder) / "probe"):
-        raise _ProbeError
-
-
-class _ProbeError(Exception):
-    """Ends `beside` without leaving a file."""
+    probe = Path(folder) / f".probe{UNFINISHED}"
+    with beside(probe):
+        pass
+    probe.unlink(missing_ok=True)
 
 
 def existing(path: Path) -> Path:
-    """``path``, if there is such a file.
-
-    Raises:
-        ResultError: there is none.
-    """
-    try:
-        found = Path(path).is_file()
-    except OSError as error:
-        raise ResultError(f"cannot read {path}: {error.strerror}") from error
-    if not found:
-        raise ResultError(f"missing result {path}: run the stage that makes it first")
-    return Path(path)
-
-
-def bounded(path: Path) -> Path:
     """``path``, if there is such a file, of at most `LARGEST` bytes.
 
     Raises:
         ResultError: there is none, or it is larger.
     """
-    size = existing(path).stat().st_size
+    try:
+        size = Path(path).stat().st_size if Path(path).is_file() else None
+    except OSError as error:
+        raise ResultError(f"cannot read {path}: {error.strerror}") from error
+    if size is None:
+        raise ResultError(f"missing result {path}: run the stage that makes it first")
     if size > LARGEST:
         raise ResultError(f"{path} has {size} bytes, more than {LARGEST}")
     return Path(path)
@@ -142,7 +119,7 @@ def bounded_archive(path: Path, kind: str = "zip archive") -> Path:
         ResultError: there is none, it is damaged, or it is larger.
     """
     try:
-        with zipfile.ZipFile(bounded(path)) as archive:
+        with zipfile.ZipFile(existing(path)) as archive:
             check_unpacked(archive, path)
     except ResultError:
         raise
@@ -216,7 +193,7 @@ def read_json(path: Path) -> Any:
         ResultError: the file is missing, too large or not JSON (`parse_json`).
     """
     try:
-        return parse_json(bounded(path).read_text(encoding="utf-8"))
+        return parse_json(existing(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise ResultError(f"{path} is truncated or not JSON: {one_line(error)}") from error
 
@@ -238,7 +215,7 @@ def read_table(
             something else.
     """
     try:
-        table = pd.read_csv(bounded(path), dtype=dict.fromkeys(text, str))
+        table = pd.read_csv(existing(path), dtype=dict.fromkeys(text, str))
     except (ValueError, OverflowError) as error:  # pandas' own errors and those of the encoding are of these
         raise ResultError(f"{path} is truncated or not a table") from error
     lacking = [name for name in columns if name not in table]
