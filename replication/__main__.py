@@ -10,11 +10,11 @@ from srlrepro.settings.fields import check
 def measure(arguments: argparse.Namespace) -> None:
     """Measure one trained run, and write the table."""
     from replication.evidence.measures import measure_run, write_measures
-    from replication.evidence.runs import read_run
-    from replication.studies.alternatives import read
+    from replication.evidence.results import read_run
+    from replication.studies.alternatives import read_hypothesis
 
     run = read_run(arguments.run)
-    region = arguments.region and read(arguments.region, run.config, run.condition.delta)
+    region = arguments.region and read_hypothesis(arguments.region, run.config, run.condition)
     rows = measure_run(run, region, arguments.common and read_run(arguments.common))
     write_measures(arguments.out, rows)
     print(f"{len(rows)} measures of {run.condition.name}")
@@ -22,12 +22,12 @@ def measure(arguments: argparse.Namespace) -> None:
 
 def claims(arguments: argparse.Namespace) -> None:
     """Print contrasts and verdicts for tables of measures."""
-    from replication.evidence.claims import judge, load
+    from replication.evidence.claims import judge_claims, load_claims
     from replication.evidence.measures import read_measures
 
     measures = read_measures(*arguments.measures)
     check(len(measures) > 0, "MEASURES", arguments.measures[0], "tables of measures, or folders of them")
-    summary, contrasts = judge(load(), measures)
+    summary, contrasts = judge_claims(load_claims(), measures)
     print(
         contrasts.to_string(index=False), summary[["id", "n", "verdict"]].to_string(index=False), sep="\n\n"
     )

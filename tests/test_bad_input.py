@@ -167,7 +167,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (safe_region, "embed"),
         (training, "require_writable"),
         (notebooks, "require_writable"),
-        (claims, "judge"),
+        (claims, "judge_claims"),
         (tracing, "configurations"),
         (importing, "mark_finished"),
     ]:

@@ -105,7 +105,7 @@ class Claim:
         return self.tolerance + (0.5 if self.kind == "most_runs" else 0.0), math.inf
 
 
-def load() -> list[Claim]:
+def load_claims() -> list[Claim]:
     """The claims, in the order of the file."""
     data = tomllib.loads(files("replication.evidence").joinpath("claims.toml").read_text(encoding="utf-8"))
     return [Claim(**entry) for entry in data["claim"]]
@@ -173,7 +173,9 @@ def _state(claim: Claim, low: float, high: float) -> str:
     return "contradicts" if high < least or low > most else "unresolved"
 
 
-def evaluate(claim: Claim, measures: pd.DataFrame, level: float = LEVEL, grid: Grid = GRID) -> pd.DataFrame:
+def contrasts_of(
+    claim: Claim, measures: pd.DataFrame, level: float = LEVEL, grid: Grid = GRID
+) -> pd.DataFrame:
     """The contrasts of a claim over a grid, one a row.
 
     id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs or
@@ -224,14 +226,14 @@ def verdict(contrasts: pd.DataFrame) -> str:
     return "inconclusive"
 
 
-def judge(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def judge_claims(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """(one row per claim with its verdict, the contrasts of all)."""
     rows, tables = [], []
     for claim in claims:
-        table = evaluate(claim, measures)
+        table = contrasts_of(claim, measures)
         found = corrected = verdict(table)
         if found != "reproduced":  # an intersection-union test needs no correction
-            corrected = verdict(evaluate(claim, measures, 1 - (1 - LEVEL) / len(table)))
+            corrected = verdict(contrasts_of(claim, measures, 1 - (1 - LEVEL) / len(table)))
         way = {None: "not measured", True: "the claim's way", False: "another way"}[points(table)]
         intervals = (f"{r.estimate:.3g} [{r.low:.3g}, {r.high:.3g}]" for r in table.itertuples())
         counts = {state: int((table["state"] == state).sum()) for state in STATES}

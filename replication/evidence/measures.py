@@ -17,7 +17,7 @@ from sklearn.calibration import calibration_curve
 from sklearn.metrics import brier_score_loss, confusion_matrix
 
 from replication.evidence.claims import MEASURE_COLUMNS
-from replication.evidence.runs import TrainedRun, require_same
+from replication.evidence.results import TrainedRun, require_same
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
@@ -72,7 +72,7 @@ def reliability(region: CompiledHypothesis, x: Floats, labels: Labels) -> pd.Dat
     return pd.DataFrame({"predicted": predicted, "observed": observed})
 
 
-def test_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> dict[str, Labelled]:
+def held_out_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> dict[str, Labelled]:
     """{"UD": (x, l_n(x)), "MND": …}: fresh states of both distributions, labelled on the nominal system."""
     nominal = ClosedLoop.from_config(config)
     states = {
@@ -116,7 +116,7 @@ def measure_embedding(data: TrainingData, region: SafeRegion, config: Config) ->
 def new_state_purity(region: SafeRegion, states: Mapping[str, Labelled], n_ud: int, k: int) -> float:
     """Label purity among the places Ψ(x) of k states that t-SNE has not seen, n_ud of them from UD.
 
-    states: fresh ones of both distributions, as `test_states` draws them.
+    states: fresh ones of both distributions, as `held_out_states` draws them.
     """
     (ud, ud_labels), (mnd, mnd_labels) = states["UD"], states["MND"]
     y = region.transform(np.concatenate([ud[:n_ud], mnd[: k - n_ud]]))
@@ -130,7 +130,7 @@ def measure_hypothesis(
 
     Args:
         data: what the hypothesis was learned from.
-        states: fresh ones of both distributions, as `test_states` draws them.
+        states: fresh ones of both distributions, as `held_out_states` draws them.
 
     Returns:
         ``precision_UD``, … and those of ``recall`` and ``brier``, for both distributions;
@@ -158,7 +158,7 @@ def measure_regions(
     rows: list[Row] = []
     states: dict[str, Labelled] = {}
     for alpha, (data, region) in learned.items():
-        states = states or test_states(data.mnd, config, np.random.default_rng([seed, 1]))
+        states = states or held_out_states(data.mnd, config, np.random.default_rng([seed, 1]))
         values = measure_data(data, config)
         if isinstance(region, SafeRegion):
             values |= measure_embedding(data, region, config)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load
+from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load_claims
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json, read_table
@@ -41,7 +41,7 @@ def _runs(folder: Path) -> pd.DataFrame:
     return cells.dropna(subset=["alpha", "delta"])[["alpha", "delta", "seed"]].drop_duplicates()
 
 
-def judged(figures: Path) -> dict[str, Any]:
+def read_verdicts(figures: Path) -> dict[str, Any]:
     """The claims, their verdicts and what these rest on, for the templates.
 
     ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
@@ -76,7 +76,7 @@ def judged(figures: Path) -> dict[str, Any]:
         "run": read_json(figures / THREE / "run_time.json"),
         "runs": len(cells),
         "seeds": cells["seed"].nunique(),
-        "papers": [claim.paper for claim in load() if claim.id in RATES],
+        "papers": [claim.paper for claim in load_claims() if claim.id in RATES],
         "best": perfect_return(Config()),
         "missing": [text for name, (_, text) in LONG.items() if not is_there(figures, name)],
         "conditions": len(cells[["alpha", "delta"]].drop_duplicates()),
@@ -110,14 +110,14 @@ def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
 
 
 def rows(figures: Path, judgement: dict[str, Any]) -> list[dict[str, Any]]:
-    """The claims of `judged` in order, each followed by those that join it, with its weakest contrast.
+    """The claims of `read_verdicts` in order, each followed by those that join it, with its weakest contrast.
 
     ``contrasts``, ``open``: how many, and how many undecided; ``lost``: names of those that these seeds
     decide, and three with the same mean and spread would not.
     """
     contrasts = read_table(figures / resting(figures) / "contrasts.csv", CONTRASTS)
     told = judgement["larger"] or judgement["claims"]
-    tests = {claim.id: claim for claim in load()}
+    tests = {claim.id: claim for claim in load_claims()}
     groups = [[c, *(j for j in told if j["joins"] == c["id"])] for c in told if not c["joins"]]
     found = []
     for claim in (entry for group in groups for entry in group):

@@ -45,8 +45,10 @@ from srlrepro.region.safe_region import SafeRegion
 from srlrepro.region.safety_map import RegionArrays, discretise
 from srlrepro.region.tsne import embed
 from srlrepro.samplers import TrainingData, known_states
+from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
+from srlrepro.storage.made_of import require_made_of
 
 ORACLES = ("nominal", "real")
 FOLDS = 5  # of the calibration of the SVM: scikit-learn's default
@@ -180,16 +182,23 @@ def learn_hypothesis(
     return Predictor((_svm if kind == "svm" else _mlp)(x, z, config, seed), p_t)
 
 
-def read(region: str | Path, config: Config, delta: float) -> CompiledHypothesis:
+def read_hypothesis(region: str | Path, config: Config, condition: Condition) -> CompiledHypothesis:
     """The hypothesis of a configuration, from the results of one training dataset.
 
     Args:
         region: file of the paper's region, read for "tsne"; the others are learned from
             ``training_data.npz`` in the same folder.
-        delta: mismatch Δ of the real system, for "real".
+        condition: whose α the data must be of; its mismatch Δ is that of the real system, for "real".
+
+    Raises:
+        ParameterError: the region or the data were made with other values.
+        ResultError: the file is missing or damaged.
     """
     if config.choices.hypothesis == "tsne":
-        return SafeRegion.load(Path(region))
-    return learn_hypothesis(
-        TrainingData.load(Path(region).with_name("training_data.npz")), config, delta=delta
-    )
+        found = SafeRegion.load(Path(region))
+        require_made_of(found.made_of_, config, "region", where=region, alpha=condition.alpha)
+        return found
+    file = Path(region).with_name("training_data.npz")
+    data = TrainingData.load(file)
+    require_made_of(data.made_of, config, "data", where=file, alpha=condition.alpha)
+    return learn_hypothesis(data, config, delta=condition.delta)

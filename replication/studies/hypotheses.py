@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from replication.evidence.measures import TEST_STATES, classification, test_states
-from replication.evidence.runs import read_run
+from replication.evidence.measures import TEST_STATES, classification, held_out_states
+from replication.evidence.results import read_run
 from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
@@ -31,7 +31,7 @@ def visited(
     return rng.choice(states, TEST_STATES)
 
 
-def judged_states(
+def scored_states(
     data: Mapping[str, TrainingData],
     config: Config,
     paper: Path,
@@ -45,7 +45,7 @@ def judged_states(
     paper's region visited, labelled on the real one. Those under the region are of the region's α, and for a
     hypothesis without α (`ANY`) of all. ``paper`` is the folder of the paper's universe.
     """
-    for name, (x, labels) in test_states(next(iter(data.values())).mnd, config, rng).items():
+    for name, (x, labels) in held_out_states(next(iter(data.values())).mnd, config, rng).items():
         for alpha in (*data, ANY):
             yield name, 1.0, alpha, x, labels
     for delta in deltas:
@@ -66,9 +66,9 @@ def classify(
     seeds: Sequence[int],
     data_seed: int,
 ) -> pd.DataFrame:
-    """One row per hypothesis, α and set of `judged_states`: hypothesis, alpha, states, delta, scores."""
+    """One row per hypothesis, α and set of `scored_states`: hypothesis, alpha, states, delta, scores."""
     data = {alpha: generate(float(alpha), config, data_seed) for alpha in alphas}
-    sets = list(judged_states(data, config, paper, deltas, seeds, np.random.default_rng([data_seed, 15])))
+    sets = list(scored_states(data, config, paper, deltas, seeds, np.random.default_rng([data_seed, 15])))
     rows = []
     for kind in kinds:
         varied = config.with_values(hypothesis=kind)

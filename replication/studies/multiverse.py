@@ -24,13 +24,18 @@ import pandas as pd
 from scipy.stats import binomtest, false_discovery_control, kruskal
 from scipy.stats.qmc import LatinHypercube
 
-from replication.evidence.claims import RATES, Claim, Grid, evaluate, points
+from replication.evidence.claims import RATES, Claim, Grid, contrasts_of, points
+from replication.studies.alternatives import ORACLES
+from srlrepro.settings.choices import Choices
 
 DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
 ALONE, RANDOM = "one at a time", "random"
 LEVEL = 0.05  # of q, the p of a main effect corrected for the number of choices
 VIOLATED = "set-up condition violated: "
+FEW = 6  # universes of a quick multiverse, at most
+HYPOTHESES = tuple(Choices.__dataclass_fields__["hypothesis"].metadata["allowed"].split("|"))
+NO_DATA = "1"  # stands for α where a hypothesis knows the system and learns from no data
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,7 @@ class Choice:
         return next(entry.set for entry in self.levels if entry.level == level)
 
 
-def load() -> list[Choice]:
+def load_choices() -> list[Choice]:
     """The choices, in the order of the file."""
     data = tomllib.loads(files("replication.studies").joinpath("multiverse.toml").read_text(encoding="utf-8"))
     return [
@@ -89,6 +94,43 @@ def settings(choices: Iterable[Choice], universe: Mapping[Any, str]) -> dict[str
     return values
 
 
+def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str, dict[str, Any]]:
+    """{id of a universe: the parameters of its notebook that differ between universes}.
+
+    Args:
+        study: "multiverse": one universe for every row of its `design`, each with seeds of its own;
+            "hypotheses": one for each of `HYPOTHESES`, the paper's with the free learner, which has none.
+        alphas: conditions of the grid, as texts.
+        seeds: of the learner.
+        few: only some universes of a multiverse, spread over its design.
+    """
+    if study == "hypotheses":
+        return {name: _hypothesis(name, alphas, seeds) for name in HYPOTHESES}
+    choices = load_choices()
+    universes = design(choices)
+    if few:
+        universes = universes.iloc[:: -(-len(universes) // FEW)]
+    found = {}
+    for name, levels in universes.iterrows():
+        values = settings(choices, levels.to_dict())
+        drawn = {"DATA_SEED": values.pop("data_seed", 0), "SEEDS": [values.pop("seed", 0)]}
+        found[str(name)] = {"ID": str(name), "ALPHAS": alphas, "SETTINGS": values} | drawn
+    return found
+
+
+def _hypothesis(name: str, alphas: list[str], seeds: list[int]) -> dict[str, Any]:
+    conditions = alphas if name == Choices.hypothesis else [alpha for alpha in alphas if alpha != "none"]
+    if name in ORACLES:
+        conditions = [NO_DATA]
+    return {
+        "ID": name,
+        "ALPHAS": conditions,
+        "SETTINGS": {"hypothesis": name},
+        "DATA_SEED": 0,
+        "SEEDS": seeds,
+    }
+
+
 def outcomes(
     claims: Iterable[Claim],
     measures: Mapping[str, pd.DataFrame],
@@ -105,7 +147,7 @@ def outcomes(
     for name, table in measures.items():
         broken = conditions[name].loc[~conditions[name]["met"], "condition"]
         for claim in claims:
-            contrasts = evaluate(claim, table, grid=grid)
+            contrasts = contrasts_of(claim, table, grid=grid)
             estimate = contrasts["estimate"]
             within = pd.concat([estimate - contrasts["least"], contrasts["most"] - estimate])
             margin = float(within.min(skipna=False))

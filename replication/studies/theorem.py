@@ -167,7 +167,7 @@ def finite_divergences(target: pd.DataFrame, source: pd.DataFrame, h: str) -> di
     return {name: finite_class(target[m], source[m]) for name, m in zip(FINITE, members, strict=True)}
 
 
-def evaluate(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.DataFrame:
+def term_table(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.DataFrame:
     """Theorem 1 for one hypothesis: a row per training and class H, and with several trainings their pool.
 
     The domain classifiers of one training are measured on the half of its states that they do not know,

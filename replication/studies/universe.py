@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.measures import Row, measure_run
-from replication.evidence.runs import RECORD, TrainedRun, read_run
+from replication.evidence.results import RECORD, TrainedRun, read_run
 from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.training import Run, identify, train
@@ -51,7 +51,7 @@ class Universe:
         alphas = sorted(map(parse_alpha, self.alphas), key=lambda alpha: alpha is not None)
         return [Run(a, d, s, self.steps) for a in alphas for d in self.deltas for s in self.seeds]
 
-    def learn(self) -> Learned:
+    def learn_hypotheses(self) -> Learned:
         """The training data and the hypothesis of every α, as it is on the nominal system."""
         numbers = {a: value for a in self.alphas if (value := parse_alpha(a)) is not None}
         datasets = {a: generate(value, self.config, self.data_seed) for a, value in numbers.items()}

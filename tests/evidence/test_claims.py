@@ -16,16 +16,16 @@ from replication.evidence.claims import (
     MEASURE_COLUMNS,
     Cell,
     Claim,
-    evaluate,
-    judge,
-    load,
+    contrasts_of,
+    judge_claims,
+    load_claims,
     points,
     verdict,
 )
 
 ALPHAS, DELTAS, SEEDS = ("0", "0.5", "1", "none"), (1.1, 1.5, 4.0), (0, 1, 2)
 Value = Callable[[Cell], float]
-CLAIMS = load()
+CLAIMS = load_claims()
 
 
 def grid(measure: str, value: Value, alphas: tuple[str, ...] = ALPHAS) -> pd.DataFrame:
@@ -43,7 +43,7 @@ def claim(kind: str, **values: Any) -> Claim:
 
 
 def way(one: Claim, value: Value, **options: Any) -> bool | None:
-    return points(evaluate(one, grid(one.measure, value, **options)))
+    return points(contrasts_of(one, grid(one.measure, value, **options)))
 
 
 def matches(cell: Cell, selection: dict[str, list[Any]]) -> bool:
@@ -106,7 +106,7 @@ def test_every_claim_of_the_file_can_hold_and_can_fail(one: Claim) -> None:
     alphas = (*ALPHAS, *extra) if one.over != "alpha" and one.for_each != "alpha" else ALPHAS[:-1]
     assert way(one, truth(one), alphas=alphas) is True
     assert way(one, truth(one, -1.0), alphas=alphas) is False
-    assert points(evaluate(one, grid("another measure", truth(one)))) is None
+    assert points(contrasts_of(one, grid("another measure", truth(one)))) is None
 
 
 def test_order_along_a_column() -> None:
@@ -152,7 +152,7 @@ def test_comparison_of_cells() -> None:
     assert way(less, lambda c: 0.0 if c["alpha"] == "none" else -1.0) is True
     assert way(more, lambda c: 1.0 if c["alpha"] == "0" else 0.0) is False  # every pair must hold
     assert way(more, lambda c: 1.0 if c["alpha"] != "none" and c["delta"] < 4 else 0.0) is False  # every Δ
-    assert len(evaluate(more, grid("m", lambda c: 0.0))) == 2 * 3
+    assert len(contrasts_of(more, grid("m", lambda c: 0.0))) == 2 * 3
 
 
 def test_comparison_with_a_value() -> None:
@@ -181,7 +181,7 @@ def test_estimates_are_differences_of_means_over_seeds() -> None:
     one = claim("greater", where={"alpha": ["0"], "delta": [4.0]}, than={"alpha": ["none"], "delta": [4.0]})
     table = grid("m", lambda c: 0.0)
     table.loc[(table["alpha"] == "0") & (table["delta"] == 4.0), "value"] = [1.0, 2.0, 6.0]
-    (row,) = evaluate(one, table).to_dict("records")
+    (row,) = contrasts_of(one, table).to_dict("records")
     assert row["estimate"] == pytest.approx(3.0)
     assert row["n"] == 3 and row["points"]
     assert (row["id"], row["least"], row["most"]) == ("an-id", 0.0, math.inf)
@@ -198,29 +198,29 @@ def test_a_cell_that_was_not_measured_leaves_the_claim_open(one: Claim) -> None:
     cell = {name: values[-1] for name, values in one.where.items()}
     missing = table[[not matches(row, {n: [v] for n, v in cell.items()}) for row in table.to_dict("records")]]
     assert len(missing) < len(table)
-    assert points(evaluate(one, missing)) is None
+    assert points(contrasts_of(one, missing)) is None
 
 
 def test_a_gap_in_the_grid_leaves_a_trend_open() -> None:
     one = claim("increasing", over="alpha", for_each="delta")
     table = grid("m", lambda c: level(one, c))
     gap = (table["alpha"] == "0.5") & (table["delta"] == 1.5)
-    assert points(evaluate(one, table[~gap])) is None
-    assert points(evaluate(one, table)) is True
+    assert points(contrasts_of(one, table[~gap])) is None
+    assert points(contrasts_of(one, table)) is True
 
 
 def test_nothing_measured_is_no_verdict() -> None:
     nothing = pd.DataFrame(columns=list(MEASURE_COLUMNS))
     for one in CLAIMS:
-        assert points(evaluate(one, nothing)) is None
+        assert points(contrasts_of(one, nothing)) is None
 
 
 def test_measures_without_delta_can_be_judged() -> None:
     """As those of a region: its seed is that of the dataset."""
     rows = [("m", alpha, None, 0, value) for alpha, value in (("0", 0.9), ("0.5", 0.8), ("1", 0.6))]
     table = pd.DataFrame(rows, columns=list(MEASURE_COLUMNS))
-    assert points(evaluate(claim("decreasing", over="alpha"), table)) is True
-    assert points(evaluate(claim("at_least", where={"alpha": ["0", "1"]}, value=0.7), table)) is False
+    assert points(contrasts_of(claim("decreasing", over="alpha"), table)) is True
+    assert points(contrasts_of(claim("at_least", where={"alpha": ["0", "1"]}, value=0.7), table)) is False
 
 
 @pytest.mark.parametrize(
@@ -252,16 +252,16 @@ def test_an_interval_wholly_on_one_side_decides(kind: str) -> None:
     jitter = 0.01 * np.arange(-5, 6)
     noise = 0.5 * jitter if kind != "most_runs" else np.where(np.arange(11) < 6, 1.5, 0.0)
     for middle, state in ((inside, "supports"), (outside, "contradicts")):
-        assert evaluate(one, single(*(middle + jitter)))["state"].tolist() == [state]
-    assert evaluate(one, single(*(border + noise)))["state"].tolist() == ["unresolved"]
-    assert evaluate(one, single(inside))["state"].tolist() == ["unresolved"]  # one run has no interval
+        assert contrasts_of(one, single(*(middle + jitter)))["state"].tolist() == [state]
+    assert contrasts_of(one, single(*(border + noise)))["state"].tolist() == ["unresolved"]
+    assert contrasts_of(one, single(inside))["state"].tolist() == ["unresolved"]  # one run has no interval
 
 
 def test_pairs_are_taken_by_seed_and_runs_without_partner_left_out() -> None:
     """A difference that is the same in every seed is known exactly, however far the seeds lie apart."""
     one = claim("greater", where={"alpha": ["1"]}, than={"alpha": ["0"]})
     low, high = single(1.0, 5.0, 9.0, 2.0), single(2.0, 6.1, 9.9).assign(alpha="1")
-    (row,) = evaluate(one, pd.concat([low, high])).to_dict("records")
+    (row,) = contrasts_of(one, pd.concat([low, high])).to_dict("records")
     assert row["n"] == 3 and row["estimate"] == pytest.approx(1.0)
     assert row["state"] == "supports" and row["correlation"] > 0.99
 
@@ -269,7 +269,7 @@ def test_pairs_are_taken_by_seed_and_runs_without_partner_left_out() -> None:
 def test_what_three_seeds_could_not_have_resolved() -> None:
     one = claim("at_least", where={"alpha": ["0"]}, value=0.0)
     values = 1.0 + np.array([-1.0, 1.0] * 5)  # s about 1: half-widths 0.75 of ten and 2.6 of three
-    (row,) = evaluate(one, single(*values)).to_dict("records")
+    (row,) = contrasts_of(one, single(*values)).to_dict("records")
     assert (row["state"], row["state_of_three"]) == ("supports", "unresolved")
 
 
@@ -283,8 +283,11 @@ def test_a_verdict_that_rests_on_one_contrast_of_many_is_corrected() -> None:
         values = np.zeros(10) if alpha == "none" else noise + shift
         rows.append(single(*values).assign(alpha=alpha, delta=delta))
     table = pd.concat(rows)
-    summary, contrasts = judge([one], table)
+    summary, contrasts = judge_claims([one], table)
     assert sorted(set(contrasts["state"])) == ["contradicts", "unresolved"]
     assert summary[["verdict", "corrected"]].iloc[0].tolist() == ["not reproduced", "inconclusive"]
     table.loc[table["alpha"] != "none", "value"] += 1.8
-    assert judge([one], table)[0][["verdict", "corrected"]].iloc[0].tolist() == ["reproduced", "reproduced"]
+    assert judge_claims([one], table)[0][["verdict", "corrected"]].iloc[0].tolist() == [
+        "reproduced",
+        "reproduced",
+    ]

@@ -13,7 +13,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from stable_baselines3 import PPO
 
 from replication.evidence.measures import classification, reliability
-from replication.studies.alternatives import ORACLES, fit_mlp, fit_svm, learn_hypothesis, read
+from replication.studies.alternatives import ORACLES, fit_mlp, fit_svm, learn_hypothesis, read_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.training import Run
@@ -23,12 +23,14 @@ from srlrepro.region.safe_region import SafeRegion
 from srlrepro.region.safety_map import discretise, query_batch
 from srlrepro.samplers import TrainingData, known_states, sample_uniform
 from srlrepro.settings.choices import Choices
+from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
 
 KINDS = Choices.__dataclass_fields__["hypothesis"].metadata["allowed"].split("|")
 SCALE = np.array(Config().paper.state_max)
 DELTA = 2.0
+CELL = Condition(0.5, DELTA, 0)
 ORIGIN = np.zeros((1, 6))
 
 
@@ -153,8 +155,12 @@ def test_the_region_is_read_and_the_others_are_learned_from_the_data_beside_it(
     small[0].save(tmp_path / "training_data.npz")
     small[1].save(tmp_path / "region.npz")
     for kind in ("tsne", "knn", "real"):
-        found = read(tmp_path / "region.npz", small_config.with_values(hypothesis=kind), DELTA)
+        varied = small_config.with_values(hypothesis=kind)
+        found = read_hypothesis(tmp_path / "region.npz", varied, CELL)
         assert found.digest() == hypotheses[kind].digest()
+        for other, condition in ((varied, Condition(0.0, DELTA, 0)), (varied.with_values(k=201), CELL)):
+            with pytest.raises(ParameterError, match="with which"):
+                read_hypothesis(tmp_path / "region.npz", other, condition)
 
 
 @pytest.mark.parametrize("learner", ["compiled", "stock"])

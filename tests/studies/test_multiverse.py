@@ -10,16 +10,17 @@ import pytest
 
 from replication.evidence import claims
 from replication.evidence.claims import Claim
-from replication.studies.jobs import FEW, jobs
 from replication.studies.multiverse import (
     ALONE,
+    FEW,
     RANDOM,
     VIOLATED,
     Choice,
     Level,
     design,
     flips,
-    load,
+    jobs,
+    load_choices,
     main_effects,
     outcomes,
     papers_rates,
@@ -30,7 +31,7 @@ from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
 from workflow.command_line import STUDIES
 
-CHOICES = load()
+CHOICES = load_choices()
 SEEDS = {"data_seed", "seed"}
 TOY = [
     Choice("a", (Level("0", {}, ""), Level("1", {"k": 10}, ""))),
@@ -161,7 +162,7 @@ def test_a_choice_that_decides_is_found_and_others_are_not() -> None:
 
 def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
     """From 0.1 below to 0.1 above 80.8 %: the distance from it, and so the margin, stays as it was."""
-    near = next(c for c in claims.load() if c.id == "success-mnd")
+    near = next(c for c in claims.load_claims() if c.id == "success-mnd")
     rows, rng = design(TOY, 60), np.random.default_rng(3)
     values = {
         n: near.value + (0.1 if row["a"] == "1" else -0.1) + 0.01 * rng.normal() for n, row in rows.iterrows()
@@ -172,7 +173,7 @@ def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
 
 
 def test_universes_are_sorted_by_their_distance_from_the_papers_rates() -> None:
-    tested = [c for c in claims.load() if c.id.startswith("success-") and c.kind == "near"]
+    tested = [c for c in claims.load_claims() if c.id.startswith("success-") and c.kind == "near"]
     paper = {"0": 0.808, "0.5": 0.910, "1": 0.997}
 
     def rates(shift: float) -> pd.DataFrame:
@@ -188,14 +189,14 @@ def test_universes_are_sorted_by_their_distance_from_the_papers_rates() -> None:
 
 def test_claims_over_the_studies_grid_need_no_other_mismatch() -> None:
     """A claim "for every Δ" is evaluated at the two ends where only these are measured."""
-    claim = next(c for c in claims.load() if c.id == "fewer-violations")
+    claim = next(c for c in claims.load_claims() if c.id == "fewer-violations")
     cells: list[Any] = [
         (claim.measure, a, d, 0, float(a == "none")) for a in ("0", "0.5", "1", "none") for d in (1.1, 4.0)
     ]
     table = pd.DataFrame(cells, columns=list(claims.MEASURE_COLUMNS))
     ends = claims.GRID | {"delta": STUDIES["multiverse"].deltas}
-    assert claims.points(claims.evaluate(claim, table, grid=ends)) is True
-    assert claims.points(claims.evaluate(claim, table)) is None
+    assert claims.points(claims.contrasts_of(claim, table, grid=ends)) is True
+    assert claims.points(claims.contrasts_of(claim, table)) is None
 
 
 def test_hypotheses_are_universes_and_the_free_learner_stands_beside_the_papers() -> None:

@@ -20,11 +20,11 @@ from replication.studies.theorem import (
     across_runs,
     bound,
     class_table,
-    evaluate,
     finite_divergences,
     orders,
     slacks,
     step_table,
+    term_table,
     terms,
 )
 
@@ -167,14 +167,14 @@ def test_terms_of_thresholds_under_uniform_laws(rng: Generator) -> None:
 def test_tables_of_trainings_and_their_pool(rng: Generator) -> None:
     targets = {seed: uniform(rng, 0, 0.5, 300) for seed in (0, 1)}
     source = uniform(rng, 0, 1, 300)
-    table = evaluate(targets, source, "first")
+    table = term_table(targets, source, "first")
     assert table["seed"].unique().tolist() == ["0", "1", POOLED]
     assert (table.groupby("seed")["class"].nunique() == 8).all()
     pooled = table[table["seed"] == POOLED].iloc[0]
     runs = table[(table["seed"] != POOLED) & (table["class"] == SMALLEST)]
     assert pooled["error"] == pytest.approx(runs["error"].mean())
     assert table.loc[table["class"] == "boosted trees", "half_divergence"].min() > 0.9  # of 1 − 2⁻⁶
-    assert evaluate({0: targets[0]}, source, "first")["seed"].unique().tolist() == ["0"]
+    assert term_table({0: targets[0]}, source, "first")["seed"].unique().tolist() == ["0"]
     classes = class_table(table[table["seed"] != POOLED])
     assert (classes["of"] == 2).all() and (classes.loc[list(FINITE), "fails: (11) minimum"] == 0).all()
     assert (classes.loc[list(FINITE), "vacuous"] == 0).all() and classes.loc["boosted trees", "vacuous"] == 2

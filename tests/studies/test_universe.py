@@ -4,27 +4,22 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from replication.evidence.claims import load
-from replication.evidence.joined_measures import common_errors
+from replication.evidence.claims import load_claims
+from replication.evidence.measures import Row, classification, labelled, measure_regions
+from replication.evidence.results import read_run
 from replication.studies import universe as module
 from replication.studies.universe import (
     Learned,
     Universe,
     conditions,
-    labelled,
     possible,
-    region_measures,
     train_cells,
 )
 from srlrepro.dynamics.closed_loop import ClosedLoop
-from srlrepro.learner.training import VISITED_FORMAT
-from srlrepro.samplers import sample_uniform
 from srlrepro.settings.config import Config
-from srlrepro.storage.files import read_arrays
 
 SMALL = Config().with_values(
     k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
@@ -34,7 +29,7 @@ UNIVERSE = Universe(SMALL, ("0", "none"), (1.1, 4.0), (0,), 0, 512)
 
 @pytest.fixture(scope="module")
 def learned() -> Learned:
-    return UNIVERSE.learn()
+    return UNIVERSE.learn_hypotheses()
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +38,7 @@ def trained(learned: Learned, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return folder, table(train_cells(UNIVERSE, learned, folder))
 
 
-def table(rows: list[tuple[object, ...]]) -> pd.DataFrame:
+def table(rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["measure", "alpha", "delta", "seed", "value"])
 
 
@@ -78,13 +73,6 @@ def test_violated_conditions_are_named(
     assert possible(UNIVERSE, met).alphas == left
 
 
-def test_measures_of_regions_are_shares(learned: Learned) -> None:
-    found = table(region_measures(UNIVERSE, learned))
-    assert found["value"].between(0, 1).all() and set(found["alpha"]) == {"0"}
-    expected = {"safe_share", "near_origin_share", "corner_share", "embedding_purity", "accepted_share"}
-    assert expected < set(found["measure"])
-
-
 def test_every_cell_is_measured(trained: tuple[Path, pd.DataFrame]) -> None:
     found = trained[1].set_index(["measure", "alpha", "delta"])["value"]
     for delta in UNIVERSE.deltas:
@@ -101,17 +89,8 @@ def test_every_cell_is_measured(trained: tuple[Path, pd.DataFrame]) -> None:
 def test_a_universe_measures_what_the_claims_are_tested_on(
     learned: Learned, trained: tuple[Path, pd.DataFrame]
 ) -> None:
-    regions = {row[0] for row in region_measures(UNIVERSE, learned)}
-    assert {claim.measure for claim in load()} <= regions | set(trained[1]["measure"])
-
-
-@pytest.mark.parametrize(("apart", "every"), [(75, 1), (25, 1), (12, 2), (7, 3), (1, 25)])
-def test_labelled_states_are_spread_over_the_training(apart: int, every: int) -> None:
-    """One in ``every`` of states that were kept ``apart`` steps from each other, with their labels."""
-    visited = sample_uniform(100, SMALL.paper.state_max, np.random.default_rng(0))
-    real = ClosedLoop.from_config(SMALL, 4.0)
-    x, labels = labelled(visited, real, 100 * apart)
-    assert np.array_equal(x, visited[::every]) and np.array_equal(labels, real.predict(visited)[::every])
+    regions = {row[0] for row in measure_regions(learned, SMALL, 0)}
+    assert {claim.measure for claim in load_claims()} <= regions | set(trained[1]["measure"])
 
 
 def test_common_errors_are_of_the_free_run_with_the_same_mismatch(
@@ -120,10 +99,13 @@ def test_common_errors_are_of_the_free_run_with_the_same_mismatch(
     folder, rows = trained
     found = rows.set_index(["measure", "alpha", "delta"])["value"]
     for run in UNIVERSE.runs[: len(UNIVERSE.deltas)]:
-        visited = read_arrays(folder / "runs" / run.name / "visited.npz", VISITED_FORMAT, ("x",))["x"]
-        x, labels = labelled(visited.astype(float), ClosedLoop.from_config(SMALL, run.delta), run.steps)
-        expected = common_errors(learned["0"][1], x, labels)
-        assert {name: found[name, "0", run.delta] for name in expected} == expected
+        visited, real = (
+            read_run(folder / "runs" / run.name).visited(),
+            ClosedLoop.from_config(SMALL, run.delta),
+        )
+        scores = classification(learned["0"][1], *labelled(visited, real, run.steps))
+        assert found["common_error", "0", run.delta] == scores["error"]
+        assert found["common_false_positives", "0", run.delta] == scores["false_positives"]
 
 
 def test_finished_cells_are_read_and_others_trained(
@@ -155,5 +137,5 @@ def test_an_oracle_knows_the_system_of_its_cell(tmp_path: Path) -> None:
     """The ideal supervisor stops where K fails on the real system, so that no activation succeeds."""
     config = SMALL.with_values(hypothesis="real", n_steps=256, log_std_init=1.0)
     ideal = Universe(config, ("1",), (4.0,), (0,), 0, 512)
-    found = table(train_cells(ideal, ideal.learn(), tmp_path)).set_index("measure")["value"]
+    found = table(train_cells(ideal, ideal.learn_hypotheses(), tmp_path)).set_index("measure")["value"]
     assert found["activations"] > 0 and found["success_rate"] == 0 and found["generalization_error"] == 0

@@ -1,4 +1,4 @@
-"""Trained runs as evidence: what their products say, and whether they are of what a reader asked for.
+"""Results as evidence: what they say, and whether they are of what their reader asks for.
 
 The products of a run lie in one folder (`srlrepro.learner.training`); its measures, made of them by
 ``python -m replication measure``, lie beside them in ``measures.csv``.
@@ -14,11 +14,37 @@ import pandas as pd
 from replication.evidence.claims import MEASURE_COLUMNS
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner import VISITED_FORMAT
-from srlrepro.settings.condition import Condition
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.samplers import TrainingData
+from srlrepro.settings.condition import Condition, parse_alpha
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import ResultError, read_arrays, read_json, read_table
+from srlrepro.storage.made_of import require_made_of
 
-RECORD = "run.json"
+RECORD, DATA, REGION = "run.json", "training_data.npz", "region.npz"
+Learned = dict[str, tuple[TrainingData, SafeRegion]]  # by the text of α
+
+
+def read_learned(results: str | Path, alphas: Iterable[str], seed: int, config: Config) -> Learned:
+    """The training data and the regions of a folder of results, by the text of α.
+
+    Args:
+        seed: of the data.
+        config: the values that both must have been made with.
+
+    Raises:
+        ParameterError: one was made with other values.
+        ResultError: a file is missing or damaged.
+    """
+    learned = {}
+    for alpha in alphas:
+        folder = Path(results, f"data_{seed}", f"alpha_{alpha}")
+        data, region = TrainingData.load(folder / DATA), SafeRegion.load(folder / REGION)
+        share = parse_alpha(alpha)
+        require_made_of(data.made_of, config, "data", where=folder / DATA, alpha=share, seed=seed)
+        require_made_of(region.made_of_, config, "region", where=folder / REGION, alpha=share, seed=seed)
+        learned[alpha] = data, region
+    return learned
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from replication.evidence.measures import classification
-from replication.studies.choices import (
+from replication.studies.reasons import (
     calibration,
     exploration,
     integration,
