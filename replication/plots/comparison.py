@@ -13,7 +13,7 @@ from replication.evidence.measures import read_measures
 from replication.plots.provenance import PNG_KEY, read_made_by
 from replication.plots.style import BACKGROUND, INK
 from srlrepro.settings.fields import check
-from srlrepro.storage.files import ResultError, beside, bounded
+from srlrepro.storage.files import ResultError, beside, existing
 
 CELL = ["measure", "delta", "alpha"]
 HEAD = 48  # pixels above the pictures, for the names
@@ -61,7 +61,7 @@ def compare_measures(first: Path, second: Path) -> pd.DataFrame:
 
 def _opened(path: Path) -> Image.Image:
     try:
-        with Image.open(bounded(path), formats=("PNG",)) as picture:
+        with Image.open(existing(path), formats=("PNG",)) as picture:
             return picture.convert("RGB")
     except ResultError:
         raise

@@ -14,7 +14,7 @@ from typing import Any
 from PIL import Image
 
 from srlrepro.settings.fields import one_line
-from srlrepro.storage.files import ResultError, bounded, parse_json
+from srlrepro.storage.files import ResultError, existing, parse_json
 from srlrepro.storage.provenance import MADE_BY
 
 PNG_KEY, PDF_KEY, GIF_KEY = "Provenance", "Subject", "comment"
@@ -43,7 +43,7 @@ def read_made_by(figure: Path) -> dict[str, Any]:
     if kind not in readers:
         raise ResultError(f"{figure} is no figure: .png, .pdf or .gif")
     try:
-        record = parse_json(readers[kind](bounded(figure)))
+        record = parse_json(readers[kind](existing(figure)))
     except ResultError:
         raise
     except Exception as error:  # Pillow raises a dozen kinds for what is damaged
