@@ -75,9 +75,11 @@ class RecoveryRule:
 
 @jit
 def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Torque) -> tuple[State, int]:
-    """One control period with the torque u (3-tuple) held; returns (state, 0 or the outcome that ends it).
+    """One control period with the torque u (3-tuple) held.
 
-    The returned state is finite: a step beyond the rate bound (or to NaN) is not taken.
+    Returns:
+        (state, 0 or the outcome that ends the rollout). The state is finite: a step beyond the rate bound (or
+        to NaN) is not taken.
     """
     dt, substeps, ground, _, _, bound = limits
     for _ in range(substeps):
@@ -102,10 +104,14 @@ def is_upright(limits: Limits, state: State) -> bool:
 def recover(
     coefficients: Coefficients, gains: Gains, limits: Limits, periods: int, x: Floats, path: Floats
 ) -> tuple[int, int]:
-    """Run K from x [6]; returns (outcome, control periods until it).
+    """Run K from x [6].
 
-    path [periods + 1, 6] is filled with the states at the control instants, the last state repeated
-    after the outcome; a path with no rows records nothing.
+    Args:
+        path: [periods + 1, 6], filled with the states at the control instants, the last one repeated after
+            the outcome; without rows nothing is recorded.
+
+    Returns:
+        (outcome, control periods until it).
     """
     xbar, y, u = x.copy(), x.copy(), np.zeros(3)
     state, outcome, t = as_state(x), 0, 0
@@ -196,7 +202,7 @@ class ClosedLoop:
         """Run K from the states x [B, 6]; ``record``: keep the paths.
 
         Raises:
-            ValueError: x is not [B, 6] or not finite.
+            ParameterError: x is not [B, 6] or not finite.
         """
         states = as_states(x)
         batch, rows = len(states), (self.rule.periods + 1) if record else 0
@@ -206,8 +212,9 @@ class ClosedLoop:
         return Rollouts(outcomes, durations * self.rule.control_period, paths)
 
     def predict(self, x: ArrayLike) -> Labels:
-        """The labelling function of eq. (2): l_n(x) if the system is nominal, else l(x); [B], 1 = safe.
+        """The labelling function of eq. (2); as a hypothesis behind the supervisor, the ideal one of eq. (3).
 
-        As a hypothesis behind the supervisor this is the ideal one of eq. (3).
+        Returns:
+            [B], 1 = safe: l_n(x) if the system is nominal, else l(x).
         """
         return self.rollout(x, record=False).labels

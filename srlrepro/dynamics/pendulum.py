@@ -165,7 +165,7 @@ def as_states(x: ArrayLike, name: str = "x") -> Floats:
     """States as a float64 array [B, 6]; a single state [6] becomes [1, 6].
 
     Raises:
-        ValueError: other shapes, NaN or infinity.
+        ParameterError: other shapes, NaN or infinity.
     """
     array = np.atleast_2d(np.asarray(x, dtype=np.float64))
     check(array.ndim == 2 and array.shape[1] == 6, name, f"shape {np.shape(x)}", "states of shape [B, 6]")
@@ -240,10 +240,13 @@ class ThreeLinkPendulum:
         return energy
 
     def linearize(self) -> tuple[Floats, Floats]:
-        """A [6, 6] and B [6, 3] of ẋ ≈ A x + B u at upright, in closed form.
+        """The linearisation at upright, in closed form.
 
         At φ = 0 the mass matrix is the constant c and the velocity terms vanish to first order, so
         c φ̈ = g diag(b) φ + Dᵀ u, with θ = D φ and φ = D⁻¹ θ.
+
+        Returns:
+            A [6, 6] and B [6, 3] of ẋ ≈ A x + B u.
         """
         c11, c12, c13, c22, c23, c33, *gb = self.coefficients
         c = np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])

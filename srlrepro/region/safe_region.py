@@ -238,7 +238,12 @@ def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegio
     With ``known_origin`` the origin joins the training states as one more safe state; it comes last.
 
     Args:
+        data: D_tr.
+        config: with the values that the data were made with.
         seed: of t-SNE.
+
+    Returns:
+        The fitted region, which says what it was made of if the data do.
 
     Raises:
         ParameterError: the data were made with other values than those of the configuration.

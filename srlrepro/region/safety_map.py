@@ -82,9 +82,14 @@ def discretise(
     cells: int,
     empty: float = 0.0,
 ) -> tuple[Floats, Floats, float, float]:
-    """(Γ [G, G] at the cells' centres, origin [2], side of a cell, Γ_0) of a grid around places [k, 2].
+    """Γ on a grid around the places y_i [k, 2].
 
-    bandwidth: b in RMS radii of the places.
+    Args:
+        evidence, z: [k, 2] and [k], as `kernel_estimate` takes them.
+        bandwidth: b in RMS radii of the places; prior: c; cells: G; empty: Γ_0.
+
+    Returns:
+        (Γ [G, G] at the cells' centres, origin [2], side of a cell, Γ_0).
     """
     radius = np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean())
     width = bandwidth * radius if radius > 0 else 1.0
