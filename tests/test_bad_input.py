@@ -5,6 +5,7 @@ The cases are the same in every run. Their counts end pytest's report: ``pytest 
 
 import io
 import json
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -18,13 +19,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
-from workflow.main_tmp import main
 
+from replication.__main__ import main as replication
 from replication.evidence import claims
 from replication.evidence.claims import MEASURE_COLUMNS
-from srlrepro import samplers as sampling
-
-# DROPPED tracing
+from srlrepro import samplers
+from srlrepro.__main__ import main as srlrepro
 from srlrepro.learner import training
 from srlrepro.region import safe_region
 from srlrepro.samplers import MultivariateNormal, TrainingData
@@ -32,12 +32,11 @@ from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import ParameterError, one_line
 from srlrepro.settings.paper import Paper
-from workflow import driver as reproduce
-
-# DROPPED importing
-from workflow import notebooks
+from srlrepro.storage.made_of import MadeOf
+from workflow import driver, engine, notebooks, plan
+from workflow.__main__ import main as workflow
+from workflow.command_line import make_parser
 from workflow.notebooks import SETTINGS
-from workflow.plan import check_workflow, make_parser, plan
 
 ROOT = Path(__file__).parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -152,27 +151,27 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with one file of each kind; what would take time or write is cut off behind its validation."""
     rng = np.random.default_rng(0)
     mnd = MultivariateNormal(np.zeros(6), np.eye(6))
-    TrainingData(0.1 * rng.normal(size=(8, 6)), np.arange(8) % 2, 4, mnd).save(tmp_path / "data.npz")
+    made_of = MadeOf(0.5, 0, Config().until("data"))
+    data = TrainingData(0.1 * rng.normal(size=(8, 6)), np.arange(8) % 2, 4, mnd, made_of)
+    data.save(tmp_path / "data.npz")
     (tmp_path / "measures").mkdir()
     (tmp_path / "measures" / "a.csv").write_text(",".join(MEASURE_COLUMNS) + "\nx,0,1.1,0,1.0\n")
-    (tmp_path / "results" / "full").mkdir(parents=True)
-    workflow = json.dumps(plan(make_parser().parse_args([])))
-    (tmp_path / "results" / "full" / "workflow.json").write_text(workflow)
+    (tmp_path / "results").mkdir()
     (tmp_path / "results" / ".lock").touch()
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "figures.toml", tmp_path / "docs")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(reproduce, "VENV", tmp_path)  # so that the set-up comes next, not the workflow
+    monkeypatch.setattr(driver, "VENV", Path(sys.prefix))  # so that the values are checked next
     for module, name in [
-        (reproduce, "set_up"),
-        (sampling, "visited_states"),
+        (engine, "run_workflow"),
+        (samplers, "visited_states"),
         (safe_region, "embed"),
         (training, "require_writable"),
         (notebooks, "require_writable"),
         (claims, "judge_claims"),
-        (tracing, "configurations"),
-        (importing, "mark_finished"),
     ]:
         monkeypatch.setattr(module, name, reached)
-    for module in (reproduce, tracing):
+    for module in (driver, plan):
         monkeypatch.setattr(module, "ROOT", tmp_path)
     return tmp_path
 
@@ -181,12 +180,12 @@ def snapshot(folder: Path) -> list[tuple[str, bytes]]:
     return [(str(p), p.read_bytes() if p.is_file() else b"") for p in sorted(folder.rglob("*"))]
 
 
-DRIVER = ["--alphas", "--deltas", "--seeds", "--steps", "--set", "--name", "--cores", "--nonsense"]
+DRIVER = ["--alphas", "--deltas", "--seeds", "--steps", "--set", "--name", "--cores", "--only", "--limit"]
 
 
 def test_the_command_line_of_reproduce(place: Path, record_property: Callable[[str, object], None]) -> None:
     tally, before = Tally("reproduce.sh"), snapshot(place)
-    lists = st.lists(st.tuples(st.sampled_from(DRIVER), TEXTS), min_size=1, max_size=2)
+    lists = st.lists(st.tuples(st.sampled_from([*DRIVER, "--nonsense"]), TEXTS), min_size=1, max_size=2)
 
     @cases(300)
     @given(lists, st.sampled_from([[], ["--quick"], ["--multiverse"], ["--slurm", "--dry-run"]]))
@@ -196,9 +195,9 @@ def test_the_command_line_of_reproduce(place: Path, record_property: Callable[[s
 
         def call() -> int:
             try:
-                return reproduce.main(arguments)
+                return driver.main(arguments)
             except ReachedError:
-                accepted.append(plan(make_parser().parse_args(arguments)))
+                accepted.append(plan.plan(make_parser().parse_args(arguments)))
                 raise
 
         alone = len(options) == 1 and "--multiverse" not in switches
@@ -208,7 +207,9 @@ def test_the_command_line_of_reproduce(place: Path, record_property: Callable[[s
         names = (*(name for name, _ in options), *fields_set, "--multiverse")
         tally.run(call, names, options[0][1].rpartition("=")[2] if alone else "")
         for config in accepted:
-            assert check_workflow(json.loads(json.dumps(config))) == config
+            for folder in ("name", "look", "cells"):
+                plan.check_name(config[folder])
+            assert json.loads(json.dumps(config, allow_nan=False)) == config
 
     one()
     assert snapshot(place) == before
@@ -216,55 +217,47 @@ def test_the_command_line_of_reproduce(place: Path, record_property: Callable[[s
 
 
 STATE = ["--state", *["0.1"] * 6]
-COMMANDS: list[tuple[list[str], list[str]]] = [  # a command line without the options that vary, and these
-    (["data", "--alpha=0.5", "--out=x.npz"], ["--alpha", "--seed", "--out", "--set", "--nonsense"]),
-    (["region", "--data=data.npz", "--out=x.npz"], ["--data", "--seed", "--out", "--set"]),
-    (["label", *STATE], ["--delta", "--set"]),
-    (["train", "--alpha=none", "--delta=2", "--out=x"], ["--alpha", "--delta", "--seed", "--steps", "--set"]),
+Command = tuple[Callable[[list[str]], int], list[str], list[str]]
+COMMANDS: list[Command] = [  # a command line without the options that vary, and these
+    (srlrepro, ["data", "--alpha=0.5", "--out=x.npz"], ["--alpha", "--seed", "--out", "--set", "--nonsense"]),
+    (srlrepro, ["region", "--data=data.npz", "--out=x.npz"], ["--data", "--seed", "--out", "--set"]),
+    (srlrepro, ["label", *STATE], ["--delta", "--set"]),
     (
-        ["train", "--alpha=1", "--delta=2", "--out=x", "--set", "hypothesis=nominal"],
-        ["--delta", "--out", "--set"],
+        srlrepro,
+        ["train", "--alpha=none", "--delta=2", "--out=x"],
+        ["--alpha", "--delta", "--seed", "--steps", "--set", "--out"],
     ),
-    (["train", "--alpha=1", "--delta=2", "--out=x"], ["--region", "--data"]),
-    (["execute", str(NOTEBOOKS[0]), "x.ipynb"], ["--parameters", "--results"]),
-    (["import", ".", "--name=full"], ["--name"]),
-    (["execute", str(NOTEBOOKS[0])], ["OUTPUT"]),
-    (["execute"], ["NOTEBOOK x.ipynb"]),
-    (["snapshot"], ["NOTEBOOKS"]),
-    (["import", "--name=full"], ["FOLDER"]),
-    (["claims"], ["MEASURES"]),
-    (["provenance"], ["FIGURE"]),
-    (["choices"], ["extra"]),
-    (["readme", "--check"], ["extra"]),
-    ([], ["COMMAND"]),
+    (srlrepro, ["train", "--alpha=1", "--delta=2", "--out=x"], ["--region"]),
+    (workflow, ["execute", str(NOTEBOOKS[0]), "x.ipynb"], ["--parameters", "--results", "--limit"]),
+    (workflow, ["execute", str(NOTEBOOKS[0])], ["OUTPUT"]),
+    (workflow, ["execute"], ["NOTEBOOK x.ipynb"]),
+    (workflow, ["snapshot"], ["NOTEBOOKS"]),
+    (replication, ["measure", "--out=x.csv"], ["RUN"]),
+    (replication, ["claims"], ["MEASURES"]),
+    (replication, ["provenance"], ["FIGURE"]),
+    (replication, ["beside", "full", "--out=x.png"], ["NAME"]),
+    (srlrepro, ["choices"], ["extra"]),
+    (replication, ["documents", "--check"], ["extra"]),
+    (srlrepro, [], ["COMMAND"]),
 ]
 FILES = (
-    "FIGURE",
-    "MEASURES",
-    "--data",
-    "--region",
-    "NOTEBOOK x.ipynb",
-    "NOTEBOOKS",
-    "FOLDER",
-    "--parameters",
-    "--name",
-    "OUTPUT",
-    "--out",
+    *("FIGURE", "MEASURES", "--data", "--region", "NOTEBOOK x.ipynb", "NOTEBOOKS", "--parameters", "OUTPUT"),
+    *("--out", "RUN"),
 )
-VARIED = st.sampled_from([(line, option) for line, options in COMMANDS for option in options])
+VARIED = st.sampled_from([(main, line, option) for main, line, options in COMMANDS for option in options])
 
 
 @pytest.mark.filterwarnings("default::RuntimeWarning")  # as outside of tests, where they are held back
 def test_every_subcommand(place: Path, record_property: Callable[[str, object], None]) -> None:
-    tally, before = Tally("python -m srlrepro"), snapshot(place)
+    tally, before = Tally("subcommands"), snapshot(place)
     usual = st.sampled_from(["0.5", "1", "k=50", "p_t=0.7", "{}", "measures", "data.npz", "full", "."])
     numbers = st.sampled_from([f for f in FIELDS if f.type in (int, float)])
     setting = st.tuples(numbers, TEXTS).map(lambda pair: f"{pair[0].name}={pair[1]}")
 
     @cases(500)
     @given(VARIED, TEXTS | usual, setting)
-    def one(varied: tuple[list[str], str], text: str, value_of_a_field: str) -> None:
-        line, option = varied
+    def one(varied: tuple[Any, list[str], str], text: str, value_of_a_field: str) -> None:
+        main, line, option = varied
         value = value_of_a_field if option == "--set" and not text.startswith("k") else text
         if option.startswith("--"):
             arguments = [*line, f"{option}={value}"]
@@ -343,7 +336,7 @@ def test_parameters_of_notebooks(place: Path, record_property: Callable[[str, ob
         text = json.dumps(value if how == "alone" else given)
         inside = value if name == SETTINGS and isinstance(value, dict) else {}
         names = (name, "--parameters", "k = ", *(f"{one_line(key)} = " for key in inside))
-        tally.run(lambda: main(["execute", str(path), "x.ipynb", "--parameters", text]), names, "")
+        tally.run(lambda: workflow(["execute", str(path), "x.ipynb", "--parameters", text]), names, "")
 
     one()
     for text in (
@@ -358,7 +351,7 @@ def test_parameters_of_notebooks(place: Path, record_property: Callable[[str, ob
         "9" * 5000,
     ):
         line = ["execute", str(NOTEBOOKS[4]), "x.ipynb", "--parameters", text]
-        tally.run(lambda line=line: main(line), ("--parameters", "missing result"), "", is_file=True)
+        tally.run(lambda line=line: workflow(line), ("--parameters", "missing result"), "", is_file=True)
     assert snapshot(place) == before
     tally.report(record_property)
 
@@ -368,7 +361,7 @@ def test_parameters_of_notebooks(place: Path, record_property: Callable[[str, ob
     [
         ["-m", "srlrepro", "data", "--alpha", "0", "--seed", "-1", "--out", "x"],
         ["-m", "srlrepro", "label", "--state", *["0"] * 6, "--set", "control_period=1e-320"],
-        ["-m", "srlrepro", "execute", str(NOTEBOOKS[0]), "x.ipynb", "--parameters", "[" * 9000],
+        ["-m", "workflow", "execute", str(NOTEBOOKS[0]), "x.ipynb", "--parameters", "[" * 9000],
         ["-m", "srlrepro", "train", "--alpha", "none", "--delta", "1", "--out", "a\nb", "--set", "k=\n"],
         ["-B", "-m", "workflow.driver", "--seeds", "9" * 3000],
         ["-B", "-m", "workflow.driver", "--name", "\udcff\n../x"],

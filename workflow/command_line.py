@@ -11,6 +11,7 @@ from typing import NamedTuple, NoReturn
 ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
 LIMIT, LONGEST = 12.0, 8766.0  # h for one cell of a notebook: what the longest job on Slurm has; a year
+LONGEST_MESSAGE = 2000  # characters
 LIMIT_VARIABLE = "SRLREPRO_LIMIT"  # in which the driver hands the limit to its jobs
 COMMAND_VARIABLE = "SRLREPRO_COMMAND"  # the same for its own command line
 
@@ -38,8 +39,9 @@ class Parser(argparse.ArgumentParser):
     """Refuses a wrong command line with one line and exit status 2."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and leave."""
-        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
+        """Print the message as one line, what cannot be printed escaped and a long one cut, and leave."""
+        line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        self.exit(2, f"{self.prog}: {line[:LONGEST_MESSAGE]}\n")
 
 
 def add_limit(parser: argparse.ArgumentParser) -> None:

@@ -83,7 +83,7 @@ def setting_texts(settings: dict[str, Any]) -> list[str]:
 
 
 def figures() -> dict[str, dict[str, str]]:
-    """{figure: notebook, command and text} of ``docs/figures.toml``."""
+    """{figure: its notebook, text and, where it has one, study} of ``docs/figures.toml``."""
     found: dict[str, dict[str, str]] = tomllib.loads((ROOT / "docs" / "figures.toml").read_text("utf-8"))
     return found
 
@@ -170,6 +170,13 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.only is not None:
         known = figures()
         check(arguments.only in known, "--only", arguments.only, f"one of {', '.join(known)}")
+        study = known[arguments.only].get("study", "")
+        check(
+            study == arguments.study,
+            "--only",
+            arguments.only,
+            f"with --{study}" if study else "without a study",
+        )
         only = known[arguments.only]["notebook"]
     planned = names | {
         "alphas": alphas,
