@@ -15,21 +15,22 @@ import pytest
 from learned import Learned
 from runs import FREE, STOCK
 from stable_baselines3 import PPO
-from workflow.commands import load_training_data
-from workflow.main_tmp import main
 
+from srlrepro.__main__ import main
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.training import make_env, make_learner
 from srlrepro.learner.trials import load_policy
 from srlrepro.region.safe_region import FORMAT, SafeRegion
+from srlrepro.samplers import TrainingData
 from srlrepro.settings.fields import ParameterError
 from srlrepro.storage import files
 from srlrepro.storage.files import ResultError, read_arrays, read_json, read_table
 from workflow.notebooks import check_parameters, parameters_of
-from workflow.plan import check_workflow, make_parser, plan
+from workflow.sources import HOUSES
 
 ROOT = Path(__file__).parent.parent
-SOURCES = sorted([*ROOT.glob("srlrepro/*.py"), *ROOT.glob("benchmarks/*.py"), ROOT / "Snakefile"])
+SOURCES = sorted(p for house in (*HOUSES, "benchmarks") for p in (ROOT / house).rglob("*.py"))
+SOURCES += [ROOT / "workflow" / "Snakefile", *sorted(ROOT.glob("workflow/rules/*.smk"))]
 NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
 DAMAGES = 60  # of each file: half of them cut short, half with some bytes changed
 
@@ -65,17 +66,14 @@ def test_a_damaged_file_is_refused_or_reads_as_it_was(
     data, region = small
     data.save(tmp_path / "data.npz")
     region.save(tmp_path / "region.npz")
-    workflow = plan(make_parser().parse_args([]))
-    (tmp_path / "workflow.json").write_text(json.dumps(workflow))
     (tmp_path / "trials.csv").write_text("step,return,outcome\n" + "64,1.5,time limit\n" * 40)
     (tmp_path / "policy.zip").write_bytes(policy.read_bytes())
     (tmp_path / "notebook.ipynb").write_bytes(NOTEBOOKS[4].read_bytes())
     fresh = make_learner(make_env(FREE, STOCK, None), STOCK, seed=6)
     readers: dict[str, Callable[[Path], Any]] = {
-        "data.npz": lambda path: load_training_data(path).x.tobytes(),
+        "data.npz": lambda path: TrainingData.load(path).x.tobytes(),
         "region.npz": lambda path: SafeRegion.load(path).digest(),
         "policy.zip": lambda path: weights(load_policy(path, fresh)),
-        "workflow.json": lambda path: check_workflow(read_json(path)),
         "trials.csv": lambda path: read_table(path, ("step", "return"), numbers=("step", "return")),
         "notebook.ipynb": parameters_of,
     }
@@ -226,38 +224,6 @@ def test_a_checkpoint_is_read_only_if_it_is_trusted(
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.zip"]
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("name", "../x"),
-        ("name", None),
-        ("cells", "/etc"),
-        ("alphas", ["0", "../../x"]),
-        ("alphas", ["0.50"]),
-        ("alphas", "01"),
-        ("deltas", [1.1, "x"]),
-        ("deltas", [float("inf")]),
-        ("deltas", [True]),
-        ("seeds", [-1]),
-        ("seeds", 3),
-        ("steps", 1e6),
-        ("settings", {"k": "5"}),
-        ("settings", {"self": 1}),
-        ("settings", []),
-        ("values", {}),
-        ("study", "x"),
-    ],
-)
-def test_a_foreign_configuration_is_refused_by_name(name: str, value: Any) -> None:
-    config = plan(make_parser().parse_args(["--quick"]))
-    assert check_workflow(config) == config
-    with pytest.raises(ParameterError):
-        check_workflow(config | {name: value})
-    for foreign in ([], None, "full", {}):
-        with pytest.raises(ParameterError, match=r"workflow\.json"):
-            check_workflow(foreign)
-
-
 @pytest.mark.parametrize("folder", ["../x", "/x", "..", "", "a/../..", "a\0"])
 def test_names_of_notebooks_lead_nowhere_else(folder: str) -> None:
     by_name = {path.stem[:2]: path for path in NOTEBOOKS}
@@ -294,7 +260,7 @@ def code(path: Path) -> Iterator[ast.AST]:
         cells = json.loads(path.read_text())["cells"]
         text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
     else:
-        text = path.read_text() if path.suffix else ""
+        text = path.read_text() if path.suffix == ".py" else ""
     yield from ast.walk(ast.parse(text))
 
 

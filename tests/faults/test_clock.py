@@ -10,6 +10,8 @@ import grid
 import pytest
 from checkouts import tables
 
+from workflow.sources import HOUSES
+
 YEAR = 365.25 * 86400
 
 
@@ -34,7 +36,7 @@ def shifted(folders: list[Path], seconds: float) -> Iterator[None]:
     ids=["sources of the future", "results of the past", "results of the future"],
 )
 def test_nothing_is_made_again(checkout: Path, which: str, years: int, count: list[bool]) -> None:
-    names = ("srlrepro", "replication", "workflow", "notebooks") if which == "sources" else ("results", "figures")
+    names = (*HOUSES, "notebooks") if which == "sources" else ("results", "figures")
     with shifted([checkout / name for name in names], years * YEAR):
         before, runs = tables(checkout, "whole"), grid.finished_runs(checkout, "whole")
         done = grid.run(checkout, "whole")
