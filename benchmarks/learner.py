@@ -18,7 +18,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from srlrepro.dynamics.pendulum import jit
-from srlrepro.fast_ppo.network import Network, Passes, Reals, adam, tanh
+from srlrepro.fast_ppo.network import Network, Optimizer, Passes, Reals, adam, tanh
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.fast_ppo.update import Learner
 from srlrepro.learner.training import Run, make_env, make_learner
@@ -120,17 +120,8 @@ def _floor(learner: Learner, count: int) -> None:
     for step in range(count):
         _products(learner.actor, learner.actor_passes, learner.actor_gradient)
         _products(learner.critic, learner.critic_passes, learner.critic_gradient)
-        adam(
-            learner.parameters,
-            learner.gradient,
-            learner.mean,
-            learner.square,
-            1.0,
-            step + 1,
-            0.0,
-            (0.9, 0.999),
-            1e-5,
-        )
+        moments = learner.mean, learner.square
+        adam(learner.parameters, learner.gradient, *moments, 1.0, Optimizer(0.0, (0.9, 0.999), 1e-5, step), 1)
 
 
 def floor(model: CompiledPPO, count: int) -> Work:

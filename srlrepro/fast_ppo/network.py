@@ -47,6 +47,15 @@ class Network(NamedTuple):
     biases: tuple[Reals, ...]
 
 
+class Optimizer(NamedTuple):
+    """Of Adam: learning rate, (β1, β2), ε, and the number of steps done."""
+
+    rate: float
+    betas: tuple[float, float]
+    eps: float
+    steps: int
+
+
 class Passes(NamedTuple):
     """Memory of a forward and a backward pass for B samples, one entry per layer.
 
@@ -66,7 +75,7 @@ class Passes(NamedTuple):
 
 
 def passes(network: Network, samples: int) -> Passes:
-    """Fresh memory for so many samples, in the precision of the network."""
+    """Fresh memory for a number of samples, in the precision of the network."""
     shapes = [w.shape for w in network.weights]
     kind = network.weights[0].dtype
     return Passes(
@@ -83,20 +92,9 @@ def _fraction(x: np.float32) -> np.float32:
     """tanh x of a float32 number."""
     v = min(max(x, -FLAT), FLAT)
     s = v * v
-    p = P[0]
-    p = p * s + P[1]
-    p = p * s + P[2]
-    p = p * s + P[3]
-    p = p * s + P[4]
-    p = p * s + P[5]
-    p = p * s + P[6]
-    q = Q[0]
-    q = q * s + Q[1]
-    q = q * s + Q[2]
-    q = q * s + Q[3]
-    q = q * s + Q[4]
-    q = q * s + Q[5]
-    q = q * s + Q[6]
+    p, q = P[0], Q[0]
+    for i in range(1, len(P)):
+        p, q = p * s + P[i], q * s + Q[i]
     return v * p / q  # type: ignore[no-any-return]
 
 
@@ -178,22 +176,21 @@ def adam(
     mean: Reals,
     square: Reals,
     factor: float,
+    optimizer: Optimizer,
     step: int,
-    rate: float,
-    betas: tuple[float, float],
-    eps: float,
 ) -> None:
     """One step of Adam with bias correction (Kingma & Ba, 2015), as torch does it, on flat arrays.
 
-    mean, square: running moments, updated; factor: multiplies the gradient; step: from 1. √v is computed as
-    v / √v, whose reciprocal root the processor estimates faster than it divides.
+    mean, square: running moments, updated; factor: multiplies the gradient; step: from 1, beyond those that
+    the optimizer has done. √v is computed as v / √v, whose reciprocal root the processor estimates faster
+    than it divides.
     """
     number = parameters.dtype.type
-    keep1, keep2 = betas
+    (keep1, keep2), step = optimizer.betas, optimizer.steps + step
     fresh1, fresh2, old2 = number(1 - keep1), number(1 - keep2), number(keep2)
-    size = number(rate / (1 - keep1**step))
+    size = number(optimizer.rate / (1 - keep1**step))
     scale = number(1 / np.sqrt(1 - keep2**step))
-    small, clip, one, tiny = number(eps), number(factor), number(1), number(TINY)
+    small, clip, one, tiny = number(optimizer.eps), number(factor), number(1), number(TINY)
     for i in range(parameters.size):
         g = clip * gradient[i]
         m = mean[i] + fresh1 * (g - mean[i])

@@ -24,10 +24,11 @@ from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
+from srlrepro.fast_ppo.network import Optimizer
 from srlrepro.fast_ppo.rollout import Steps, advantages, blank, collect, values
 from srlrepro.fast_ppo.sb3_bridge import Stack
 from srlrepro.fast_ppo.torch_views import Views, addresses, make_views
-from srlrepro.fast_ppo.update import STATISTICS, Loss, Optimizer, Samples, update
+from srlrepro.fast_ppo.update import STATISTICS, Loss, Samples, update
 from srlrepro.settings.fields import check
 from srlrepro.supervisor import STOCK
 
@@ -155,21 +156,12 @@ class CompiledPPO(PPO):
         clipped = np.clip(steps.actions, self.action_space.low, self.action_space.high)
         columns = (steps.actions, clipped, steps.observations[1:], steps.rewards.astype(np.float32), dones)
         rows = zip(*(list(column[:, None]) for column in columns), stack.infos(steps), strict=True)
+        names = ("actions", "clipped_actions", "new_obs", "rewards", "dones", "infos", "n_steps")
         n_rollout_steps = len(dones)
         callback.update_locals(locals())
-        for n, (action, limited, reached, reward, done, info) in enumerate(rows):
+        for n, (*told, done, info) in enumerate(rows):
             self.num_timesteps += 1
-            callback.update_locals(
-                {
-                    "n_steps": n,
-                    "actions": action,
-                    "clipped_actions": limited,
-                    "new_obs": reached,
-                    "rewards": reward,
-                    "dones": done,
-                    "infos": [info],
-                }
-            )
+            callback.update_locals(dict(zip(names, (*told, done, [info], n), strict=True)))
             if not callback.on_step():
                 stack.rewind(steps, n)
                 return False

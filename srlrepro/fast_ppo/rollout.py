@@ -37,7 +37,7 @@ class Steps(NamedTuple):
         rewards: [N] R of the step.
         reached, states: [N, 8] and [N, 6], observation and state after the step, before a new trial.
         ended: [N] 0, or what ended the trial if K did not (`ENDS`).
-        cut_off: [N] 1 where the trial ended without being over for π, who is to expect V of what was reached.
+        cut_off: [N] 1 where the trial was cut off (truncated): the return goes on with V of what was reached.
         recoveries, recovery_periods: [N] outcome and duration of K; 0 where it was not needed.
     """
 
@@ -56,7 +56,7 @@ class Steps(NamedTuple):
 
 @jit
 def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
-    """Write a = μ(o) + σ ε; returns log π(a|o)."""
+    """Write a = μ(o) + σ ε, and return log π(a|o)."""
     policy.passes.inputs[0][:, 0] = observation
     forward_one(policy.actor, policy.passes)
     log_prob = 0.0
@@ -80,9 +80,12 @@ def collect(
     start: float,
     steps: Steps,
 ) -> int:
-    """Take N steps from the state x [6] (updated) in so many periods of a trial; returns the new period.
+    """Take N steps from the state x [6] (updated), where ``period`` control periods of a trial are over.
 
-    noise: [N, 3] standard normal; start: 1.0 if a trial begins at x.
+    noise: [N, 3] standard normal; start: 1.0 if a trial starts at x.
+
+    Returns:
+        The control periods of the last trial that are over.
     """
     observation = np.empty(8, np.float32)
     observe(task, as_state(x), period, observation)
@@ -110,7 +113,7 @@ def collect(
 
 
 def blank(count: int) -> Steps:
-    """A record of so many steps, to be written."""
+    """A record of ``count`` steps, to be written."""
     observations, reached = (np.empty((rows, 8), np.float32) for rows in (count + 1, count))
     actions, states = np.empty((count, 3), np.float32), np.empty((count, 6))
     log_probs, starts = (np.empty(count, np.float32) for _ in range(2))

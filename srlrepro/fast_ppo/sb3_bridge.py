@@ -65,7 +65,7 @@ class Stack:
         return UNSUPERVISED if self.supervisor is None else self.supervisor.arrays
 
     def place(self, state: np.ndarray, period: int) -> None:
-        """Put the task into a state, so many periods into a trial."""
+        """Put the task into a state in a trial of which ``period`` control periods are over."""
         self.task.state, self.task.period = state.copy(), period
         for limit in self.time_limits:
             limit._elapsed_steps = period  # type: ignore[assignment]

@@ -72,17 +72,7 @@ def make_views(policy: ActorCriticPolicy, batch: int) -> Views:
     critic_passes = critic_passes._replace(inputs=(actor_passes.inputs[0], *critic_passes.inputs[1:]))
     log_std, by_log_std = values[policy.log_std].numpy(), gradients[policy.log_std].numpy()
     by_parameters = _network(actor, gradients), _network(critic, gradients)
-    arrays = [flat.numpy() for flat in flats]
-    learner = Learner(
-        *networks,
-        log_std,
-        *by_parameters,
-        by_log_std,
-        arrays[0],
-        arrays[1],
-        arrays[2],
-        arrays[3],
-        actor_passes,
-        critic_passes,
-    )
+    parts = (*networks, log_std, *by_parameters, by_log_std)
+    everything, gradient, mean, square = (flat.numpy() for flat in flats)
+    learner = Learner(*parts, everything, gradient, mean, square, actor_passes, critic_passes)
     return Views(learner, Policy(networks[0], log_std, passes(networks[0], 1)), addresses(policy, batch))

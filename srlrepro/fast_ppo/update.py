@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srlrepro.dynamics.pendulum import Floats, jit
-from srlrepro.fast_ppo.network import Network, Passes, Reals, adam, backward, forward
+from srlrepro.fast_ppo.network import Network, Optimizer, Passes, Reals, adam, backward, forward
 
 HALF_LOG_2PI = 0.5 * np.log(2 * np.pi)
 STATISTICS = ("policy_gradient_loss", "value_loss", "clip_fraction", "entropy_loss", "approx_kl", "loss")
@@ -63,15 +63,6 @@ class Loss(NamedTuple):
     ent_coef: float
     max_grad_norm: float
     normalize_advantage: bool
-
-
-class Optimizer(NamedTuple):
-    """Of Adam: learning rate, (β1, β2), ε, and the number of steps done."""
-
-    rate: float
-    betas: tuple[float, float]
-    eps: float
-    steps: int
 
 
 @jit
@@ -154,14 +145,5 @@ def update(
             norm = np.sqrt(np.dot(learner.gradient, learner.gradient))
             factor = min(loss.max_grad_norm / (norm + 1e-6), 1.0)
             step += 1
-            adam(
-                learner.parameters,
-                learner.gradient,
-                learner.mean,
-                learner.square,
-                factor,
-                optimizer.steps + step,
-                optimizer.rate,
-                optimizer.betas,
-                optimizer.eps,
-            )
+            moments = learner.mean, learner.square
+            adam(learner.parameters, learner.gradient, *moments, factor, optimizer, step)

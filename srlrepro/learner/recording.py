@@ -41,7 +41,7 @@ class Recorder(BaseCallback):
     Args:
         progress: what has been collected so far; grows in place.
         steps: total training steps.
-        stride: every how many steps a state is kept.
+        stride: steps between two states that are kept.
         scale: [6] units of the observed state.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
         report: receives sparse lines when no terminal shows the bar.
@@ -114,13 +114,13 @@ class Recorder(BaseCallback):
 def curve_window(steps: int, n_steps: int) -> int:
     """Steps that a row of the learning curve averages over: an update of n_steps, or less in a short run.
 
-    A hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
+    It is a hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
     """
     return min(n_steps, max(SHORTEST, steps // 100))
 
 
 def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame:
-    """One row per window of so many steps, over the trials that ended in it.
+    """One row per ``window`` of steps, over the trials that ended in it.
 
     Columns: ``step`` (at its end), ``trials``, ``mean_return`` (empty if no trial ended), ``mean_length``
     (control periods), ``reward_per_step``, ``activations``, ``failures`` (of K), ``falls`` (of π).
@@ -142,9 +142,12 @@ def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame
 
 
 def count(trials: pd.DataFrame) -> dict[str, int]:
-    """The counts of Fig. 3 (d)-(f): activations of K, its recoveries and failures by kind, and what K
-    did not prevent: falls of π, and trials given up by the rate bound. Where K was not tried, the activation
-    counts as neither a recovery nor a failure."""
+    """The counts of Fig. 3 (d)-(f).
+
+    Returns:
+        ``trials``; ``activations`` of K; its recoveries and failures by kind (neither, where K was not
+        tried); and what K did not prevent: ``falls`` of π, and trials that ``diverged`` (the rate bound).
+    """
     active = trials[trials["activated"].astype(bool)]
     counts = {"trials": len(trials), "activations": len(active)}
     counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}

@@ -76,10 +76,13 @@ class Trial:
 
 
 def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
-    """The learner, with the parameters of the policy that the archive of a run holds.
+    """Read the policy of a run into a learner of the same kind.
 
     stable-baselines3's own ``load`` unpickles, and a pickle can run any code. Only the tensors are read
     here, by torch's reader of plain weights.
+
+    Returns:
+        The learner.
 
     Raises:
         ResultError: the archive is missing, too large, damaged, or of another kind of policy.

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from srlrepro.fast_ppo.network import Network, adam, backward, forward, forward_one, passes, tanh
+from srlrepro.fast_ppo.network import Network, Optimizer, adam, backward, forward, forward_one, passes, tanh
 
 PRECISIONS = pytest.mark.parametrize("kind", [np.float32, np.float64])
 
@@ -80,7 +80,7 @@ def test_adam_is_torchs(kind: Any, rng: np.random.Generator) -> None:
         gradient = rng.standard_normal(1000).astype(kind) * (rng.random(1000) < 0.5)
         parameter.grad = torch.from_numpy(0.5 * gradient)
         optimizer.step()
-        adam(mine, gradient, mean, square, 0.5, step, 1e-2, (0.8, 0.95), 1e-5)
+        adam(mine, gradient, mean, square, 0.5, Optimizer(1e-2, (0.8, 0.95), 1e-5, step - 1), 1)
     tolerance = {"rtol": 1e-4, "atol": 1e-6} if kind is np.float32 else {"rtol": 1e-12, "atol": 1e-14}
     np.testing.assert_allclose(mine, parameter.detach().numpy(), **tolerance)
     state = optimizer.state[parameter]

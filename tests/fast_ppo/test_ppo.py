@@ -267,7 +267,7 @@ def test_a_callback_can_stop_the_training(stop: int) -> None:
 
 
 def test_callbacks_in_time_see_the_policy_of_the_rollout() -> None:
-    """Every so many steps, as stable-baselines3's own callbacks count them."""
+    """At fixed intervals, as stable-baselines3's own callbacks count them."""
     seen: list[list[tuple[int, float]]] = []
     for model in pair(FREE, None, CONFIG):
 
