@@ -106,7 +106,7 @@ class Claim:
 
 
 def load_claims() -> list[Claim]:
-    """The claims, in the order of the file."""
+    """The paper's claims, in the order of the file."""
     data = tomllib.loads(files("replication.evidence").joinpath("claims.toml").read_text(encoding="utf-8"))
     return [Claim(**entry) for entry in data["claim"]]
 
@@ -176,13 +176,14 @@ def _state(claim: Claim, low: float, high: float) -> str:
 def contrasts_of(
     claim: Claim, measures: pd.DataFrame, level: float = LEVEL, grid: Grid = GRID
 ) -> pd.DataFrame:
-    """The contrasts of a claim over a grid, one a row.
+    """The contrasts of a claim over a grid.
 
-    id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs or
-    datasets; spread: standard deviation over them; correlation: of the two conditions over seeds (pairing
-    helps where it is positive); points: whether the estimate alone lies where the claim holds; state: one of
-    `STATES`; half_width_of_three, state_of_three: of an interval of three seeds with this mean and spread;
-    values: of the seeds, one by one.
+    Returns:
+        A row per contrast: id, contrast; estimate, low, high: with its interval; least, most: where the claim
+        holds; n: runs or datasets; spread: standard deviation over them; correlation: of the two conditions
+        over seeds (pairing helps where it is positive); points: whether the estimate alone lies where the
+        claim holds; state: one of `STATES`; half_width_of_three, state_of_three: of an interval of three
+        seeds with this mean and spread; values: of the seeds, one by one.
     """
     table = measures[measures["measure"] == claim.measure]
     rows = []
@@ -209,6 +210,12 @@ def contrasts_of(
     return pd.DataFrame(rows)
 
 
+def margins(contrasts: pd.DataFrame) -> pd.Series:
+    """How far each estimate lies within the range where the claim holds; NaN if it was not measured."""
+    reach = contrasts["estimate"] - contrasts["least"], contrasts["most"] - contrasts["estimate"]
+    return pd.concat(reach, axis=1).min(axis=1, skipna=False)
+
+
 def points(contrasts: pd.DataFrame) -> bool | None:
     """Whether every estimate points the claim's way; None if one was not measured, or there is none."""
     if contrasts.empty or contrasts["points"].isna().any():
@@ -227,7 +234,12 @@ def verdict(contrasts: pd.DataFrame) -> str:
 
 
 def judge_claims(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """(one row per claim with its verdict, the contrasts of all)."""
+    """The verdicts on claims, by tables of measures.
+
+    Returns:
+        A row per claim: of its fields, its estimates in words, how many of its contrasts are in each state,
+        the least n of them, its verdict and the corrected one; and the contrasts of all.
+    """
     rows, tables = [], []
     for claim in claims:
         table = contrasts_of(claim, measures)
@@ -237,18 +249,9 @@ def judge_claims(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFr
         way = {None: "not measured", True: "the claim's way", False: "another way"}[points(table)]
         intervals = (f"{r.estimate:.3g} [{r.low:.3g}, {r.high:.3g}]" for r in table.itertuples())
         counts = {state: int((table["state"] == state).sum()) for state in STATES}
-        row: dict[str, Any] = {
-            "id": claim.id,
-            "statement": claim.statement,
-            "place": claim.place,
-            "paper": claim.paper,
-        }
-        row |= {
-            "measure": claim.measure,
-            "estimates": "; ".join(intervals),
-            "n": int(table["n"].min()),
-        } | counts
+        row = {name: getattr(claim, name) for name in ("id", "statement", "place", "paper", "measure")}
+        row |= {"estimates": "; ".join(intervals), "n": int(table["n"].min()), **counts}
         row |= {"points": way, "verdict": found, "corrected": corrected}
-        rows.append(row | {"ill_posed": claim.ill_posed, "joins": claim.joins})
+        rows.append(row | {name: getattr(claim, name) for name in ("ill_posed", "joins")})
         tables.append(table)
     return pd.DataFrame(rows), pd.concat(tables, ignore_index=True)

@@ -22,10 +22,11 @@ from srlrepro.storage.files import ResultError, read_arrays, read_json, read_tab
 from srlrepro.storage.made_of import require_made_of
 
 RECORD, DATA, REGION = "run.json", "training_data.npz", "region.npz"
-Learned = dict[str, tuple[TrainingData, SafeRegion]]  # by the text of α
 
 
-def read_learned(results: str | Path, alphas: Iterable[str], seed: int, config: Config) -> Learned:
+def read_learned(
+    results: str | Path, alphas: Iterable[str], seed: int, config: Config
+) -> dict[str, tuple[TrainingData, SafeRegion]]:
     """The training data and the regions of a folder of results, by the text of α.
 
     Args:

@@ -9,6 +9,7 @@ have t-intervals at every n; the bootstrap is left to statistics over many cells
 """
 
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
@@ -24,21 +25,32 @@ Bounds = tuple[float, float]
 
 
 def mean_interval(mean: float, spread: float, n: int, level: float = LEVEL) -> Bounds:
-    """(low, high) of Student's t-interval of a mean of n values with the sample standard deviation spread.
+    """Student's t-interval of a mean of n values with the sample standard deviation spread.
 
-    NaN for fewer than two values, which tell nothing of their spread; no width if all values are equal.
+    Returns:
+        (low, high); NaN for fewer than two values, which tell nothing of their spread; no width if all values
+        are equal.
     """
-    if n < 2:
-        return float("nan"), float("nan")
-    half = float(stats.t.ppf((1 + level) / 2, n - 1)) * spread / n**0.5
+    half = float(half_width(spread, n, level))
     return mean - half, mean + half
 
 
-def share_interval(successes: int, n: int, level: float = LEVEL) -> Bounds:
-    """(low, high) of the share of n runs that have a property; exact (Clopper and Pearson, 1934)."""
+def half_width(spread: ArrayLike, n: ArrayLike, level: float = LEVEL) -> Floats:
+    """Half of the width of `mean_interval`, value by value; NaN for fewer than two values."""
+    count = np.asarray(n, np.float64)
+    return np.asarray(stats.t.ppf((1 + level) / 2, count - 1) * np.asarray(spread) / count**0.5)
+
+
+def share_interval(
+    successes: int, n: int, level: float = LEVEL, method: Literal["exact", "wilson"] = "exact"
+) -> Bounds:
+    """(low, high) of the share of n that have a property.
+
+    method: "exact" (Clopper and Pearson, 1934) or "wilson" (1927), nearer to the level on average.
+    """
     if n < 1:
         return float("nan"), float("nan")
-    interval = stats.binomtest(successes, n).proportion_ci(level, method="exact")
+    interval = stats.binomtest(successes, n).proportion_ci(level, method=method)
     return float(interval.low), float(interval.high)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load_claims
+from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load_claims, margins
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json, read_table
@@ -45,7 +45,8 @@ def read_verdicts(figures: Path) -> dict[str, Any]:
     """The claims, their verdicts and what these rest on, for the templates.
 
     ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
-    empty without that set; ``settled`` and ``changed``: of the well-posed claims, how many that three seeds
+    empty without that set; ``settled`` and ``changed``: of the claims whose test can decide,
+    how many that three seeds
     leave open the larger set does not, and how many others it judges otherwise; ``further``: its runs beyond
     the three seeds; ``papers``: success rates that the paper gives, as it writes them; ``best``: the return
     of a perfect trial.
@@ -91,8 +92,7 @@ def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
     interval; in units of the measure where the claim compares with a number, else the difference, positive
     towards the claim.
     """
-    reach = contrasts["estimate"] - contrasts["least"], contrasts["most"] - contrasts["estimate"]
-    margin = pd.concat(reach, axis=1).min(axis=1, skipna=False)
+    margin = margins(contrasts)
     if margin.isna().all():
         return {"contrast": "", "estimate": "not measured"}
     ranked = contrasts.assign(margin=margin, rank=contrasts["state"].map(AGAINST.index))

@@ -13,7 +13,7 @@ from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.samplers import TrainingData, generate
-from srlrepro.settings.condition import Condition, parse_alpha
+from srlrepro.settings.condition import NONE, Condition, parse_alpha
 from srlrepro.settings.config import Config
 
 ANY = "any"  # stands for α where a hypothesis knows the system and learns from no data
@@ -49,7 +49,7 @@ def scored_states(
         for alpha in (*data, ANY):
             yield name, 1.0, alpha, x, labels
     for delta in deltas:
-        real, free = ClosedLoop.from_config(config, delta), visited(paper, ["none"], delta, seeds, rng)
+        real, free = ClosedLoop.from_config(config, delta), visited(paper, [NONE], delta, seeds, rng)
         of_free = real.predict(free)
         for alpha in (*data, ANY):
             yield FREE, delta, alpha, free, of_free

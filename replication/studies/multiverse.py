@@ -21,12 +21,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, false_discovery_control, kruskal
+from scipy.stats import false_discovery_control, kruskal
 from scipy.stats.qmc import LatinHypercube
 
-from replication.evidence.claims import RATES, Claim, Grid, contrasts_of, points
+from replication.evidence.claims import RATES, Claim, Grid, contrasts_of, margins, points
+from replication.evidence.statistics import share_interval
 from replication.studies.alternatives import ORACLES
 from srlrepro.settings.choices import Choices
+from srlrepro.settings.condition import NONE
 
 DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
@@ -119,7 +121,7 @@ def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str
 
 
 def _hypothesis(name: str, alphas: list[str], seeds: list[int]) -> dict[str, Any]:
-    conditions = alphas if name == Choices.hypothesis else [alpha for alpha in alphas if alpha != "none"]
+    conditions = alphas if name == Choices.hypothesis else [alpha for alpha in alphas if alpha != NONE]
     if name in ORACLES:
         conditions = [NO_DATA]
     return {
@@ -148,12 +150,10 @@ def outcomes(
         broken = conditions[name].loc[~conditions[name]["met"], "condition"]
         for claim in claims:
             contrasts = contrasts_of(claim, table, grid=grid)
-            estimate = contrasts["estimate"]
-            within = pd.concat([estimate - contrasts["least"], contrasts["most"] - estimate])
-            margin = float(within.min(skipna=False))
+            margin = float(margins(contrasts).min(skipna=False))
             value, held, why = margin, points(contrasts), ""
             if claim.kind == "near":  # the measure itself
-                value = estimate.mean() + claim.value
+                value = contrasts["estimate"].mean() + claim.value
             if len(broken):
                 value, margin, held, why = np.nan, np.nan, None, VIOLATED + "; ".join(broken)
             elif held is None:
@@ -170,7 +170,7 @@ def shares(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
         violated = int(group["why"].str.startswith(VIOLATED).sum())
         decided = group["holds"].dropna().astype(bool)
         n, held = len(decided), int(decided.sum())
-        low, high = binomtest(held, n).proportion_ci(method="wilson") if n else (np.nan, np.nan)
+        low, high = share_interval(held, n, method="wilson")
         share = held / n if n else np.nan
         rows.append((claim, kind, len(group), violated, len(group) - n - violated, held, share, low, high))
     columns = ["claim", "design", "universes", "violated", "unmeasured", "held", "share", "low", "high"]

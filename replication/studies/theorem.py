@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
+from replication.evidence.statistics import half_width
 from replication.studies.divergence import DOMAIN_CLASSIFIERS, HalfDivergence, domain_classifier, finite_class
 from srlrepro.dynamics.closed_loop import Labels
 from srlrepro.dynamics.pendulum import Floats
@@ -244,5 +244,5 @@ def orders(table: pd.DataFrame, quantities: Sequence[str]) -> pd.DataFrame:
 def across_runs(table: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
     """Means over trainings, and beside each the half width of its 95 % t-interval (NaN for one training)."""
     groups = table.groupby(list(by), sort=False)[list(columns)]
-    mean, width = groups.mean(), groups.sem().mul(stats.t.ppf(0.975, groups.count() - 1))
-    return mean.join(width.add_suffix(" ±"))[[c for name in columns for c in (name, f"{name} ±")]]
+    width = groups.std().combine(groups.count(), half_width)
+    return groups.mean().join(width.add_suffix(" ±"))[[c for name in columns for c in (name, f"{name} ±")]]
