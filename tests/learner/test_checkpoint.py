@@ -68,7 +68,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from runs import CASES
-from srlrepro.recording import Recorder
+from srlrepro.learner.recording import Recorder
 look, steps = Recorder._on_step, []
 def deadly(recorder):
     steps.append(0)
@@ -82,7 +82,7 @@ CASES[0].train(Path({folder!r}), Path({folder!r}) / "checkpoint.zip")
 
 @pytest.mark.slow
 def test_killed_and_resumed_gives_the_same_numbers(whole: dict[str, Path], tmp_path: Path) -> None:
-    tests = Path(__file__).parent
+    tests = Path(__file__).parents[1]
     program = KILLED.format(tests=str(tests), folder=str(tmp_path), at=int(3.4 * UPDATE))
     command = [sys.executable, "-c", program]
     child = subprocess.run(command, cwd=tests.parent, check=False, capture_output=True)
