@@ -7,11 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from learned import Learned
 
 from replication.evidence.measures import measure_rows, write_measures
-from replication.evidence.results import TrainedRun, read_curves, read_run, read_run_measures, read_runs
+from replication.evidence.results import (
+    TrainedRun,
+    read_curves,
+    read_learned,
+    read_run,
+    read_run_measures,
+    read_runs,
+)
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError
 
 CONFIG = Config()
@@ -112,3 +121,30 @@ def test_measures_of_another_run_are_refused(tmp_path: Path) -> None:
         write_measures(tmp_path / "runs" / names[0] / "measures.csv", measure_rows({"m": 1.0}, *cell))
         with pytest.raises(ResultError, match="measures of another run"):
             read_run_measures(tmp_path, names)
+
+
+def test_data_and_regions_of_other_values_are_refused(
+    small: Learned, small_config: Config, tmp_path: Path
+) -> None:
+    """Another α, seed, value of the data, or value of the region alone."""
+
+    def save(folder: str) -> None:
+        small[0].save(tmp_path / folder / "training_data.npz")
+        small[1].save(tmp_path / folder / "region.npz")
+
+    save("data_0/alpha_0.5")
+    found = read_learned(tmp_path, ["0.5"], 0, small_config)
+    assert list(found) == ["0.5"] and found["0.5"][1].digest() == small[1].digest()
+    for name, config in {
+        "k": small_config.with_values(k=201),
+        "p_t": small_config.with_values(p_t=0.7),
+    }.items():
+        with pytest.raises(ParameterError, match=f"{name} = .* with which"):
+            read_learned(tmp_path, ["0.5"], 0, config)
+    for folder, alpha, seed, name in (
+        ("data_0/alpha_1", "1", 0, "alpha"),
+        ("data_1/alpha_0.5", "0.5", 1, "seed"),
+    ):
+        save(folder)
+        with pytest.raises(ParameterError, match=f"{name} = 1.* with which"):
+            read_learned(tmp_path, [alpha], seed, small_config)
