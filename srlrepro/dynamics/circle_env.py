@@ -4,7 +4,7 @@ Registered as ``srlrepro/ThreeLinkCircle-v0``. The same environment serves every
 supervisor is a wrapper around it.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -29,10 +29,12 @@ from srlrepro.dynamics.pendulum import (
     jit,
     tip,
 )
-from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
+
+if TYPE_CHECKING:
+    from srlrepro.dynamics.rendering import PendulumView
 
 Circle = tuple[float, float, float]  # height of the centre (m), radius (m), speed (rad/s)
 TIME_OVER = 10  # beside the outcomes of `hold_torque`
@@ -220,6 +222,10 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
             return None
         if self._view is None:
+            from srlrepro.dynamics.rendering import (
+                PendulumView,  # brings matplotlib, which training does not need
+            )
+
             self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
         title = f"t = {time:.2f} s{words}"
         self._view.draw(self.pendulum.joints(x)[0], target(self.arrays.circle, time), title)

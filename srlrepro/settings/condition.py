@@ -87,7 +87,7 @@ class Condition:
                 f"condition = {one_line(name)}: must be such as alpha_0.5__delta_1.1__seed_0"
             )
         try:
-            found = cls(parse_alpha(parts[0][2]), float(parts[1][2]), int(parts[2][2]))
+            found = Condition(parse_alpha(parts[0][2]), float(parts[1][2]), int(parts[2][2]))
         except ValueError as error:
             raise ParameterError(f"condition = {one_line(name)}: {error}") from error
         check(found.name == name, "condition", name, f"written in the shortest way, {found.name}")

@@ -17,7 +17,7 @@ rule claims:
         figure=f"{FIGURES}/verdict.pdf",
     params:
         values=config["values"],
-        parameters=judging(MEASURES=f"../{MEASURES}/measures", RUNS=RUNS, SEEDS=SEEDS, STEPS=config["steps"]),
+        parameters=judging(MEASURES=f"../{MEASURES}/measures", RUNS=RUNS, SEEDS=SEEDS),
     shell:
         execute("08_claims")
 
@@ -26,7 +26,7 @@ rule calibration:
     input:
         notebook("10_calibration"),
         expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
-        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        LEARNED,
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
         figures=expand(f"{FIGURES}/reliability_{{labels}}.pdf", labels=["nominal", "real"]),
@@ -41,7 +41,7 @@ rule theorem:
     input:
         notebook("12_theorem"),
         expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED + FREE),
-        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        LEARNED,
     output:
         notebook=f"{EXECUTED}/12_theorem.ipynb",
         figure=f"{FIGURES}/theorem_terms.pdf",
@@ -62,7 +62,7 @@ rule discrepancy:
     input:
         notebook("16_discrepancy"),
         expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
-        expand(f"{RESULTS}/data_{DATA_SEEDS[0]}/alpha_{{alpha}}/region.npz", alpha=REGIONS),
+        LEARNED,
     output:
         notebook=f"{EXECUTED}/16_discrepancy.ipynb",
         figure=f"{FIGURES}/discrepancy.pdf",

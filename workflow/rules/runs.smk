@@ -54,7 +54,7 @@ rule learning_performance:
     params:
         values=config["values"],
         steps=config["steps"],
-        parameters=judging(RUNS=RUNS, STEPS=config["steps"]),
+        parameters=judging(RUNS=RUNS),
     shell:
         execute("06_learning_performance")
 
@@ -69,7 +69,7 @@ rule activations_and_failures:
     params:
         values=config["values"],
         steps=config["steps"],
-        parameters=judging(RUNS=RUNS, STEPS=config["steps"]),
+        parameters=judging(RUNS=RUNS),
     shell:
         execute("07_activations_and_failures")
 
@@ -83,6 +83,6 @@ rule behaviour:
         animations=expand(f"{PICTURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
     params:
         values=config["values"],
-        parameters=drawing(RUNS=SHOWN, DATA_SEED=DATA_SEEDS[0]),
+        parameters=drawing(RUNS=SHOWN, STEPS=config["steps"], DATA_SEED=DATA_SEEDS[0]),
     shell:
         execute("11_behaviour")
