@@ -26,9 +26,9 @@ def test_a_path_is_no_command_and_a_moved_checkout_runs_nothing_again(tmp_path: 
     place.mkdir()
     run(copy_sources(place))
     assert not list(tmp_path.rglob("made"))
-    name = next((place / "figures").iterdir()).name
+    (figure,) = (place / "figures").rglob("fig2_abc_training_data.csv")
+    name = figure.parent.name
     made = tables(place, name)
-    assert {"fig2_abc_training_data.csv"} <= {Path(path).name for path in made}
     moved = place.rename(tmp_path / "moved")
     executed = next((moved / "notebooks" / "executed").rglob("02_training_data.ipynb"))
     before = executed.stat().st_mtime_ns

@@ -25,7 +25,7 @@ rule claims:
 rule calibration:
     input:
         notebook("10_calibration"),
-        expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED),
+        expand(f"{RESULTS}/runs/{{run}}/{{file}}", run=CALIBRATED, file=["visited.npz", "measures.csv"]),
         LEARNED,
     output:
         notebook=f"{EXECUTED}/10_calibration.ipynb",
