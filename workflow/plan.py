@@ -131,7 +131,8 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
 
     Returns:
         A table. name, look, cells: see the module. alphas, deltas, seeds, steps: of the grid. settings: what
-        is varied; values: of every parameter. note: what a figure must say of itself, "" of the full one.
+        is varied; values: of every parameter. note: what a figure must say of itself, "" of the full
+        one; varied: the same of one that no training enters.
         study: its name, or ""; few: whether it has few universes. command: the command line that gives this
         plan again. only: the notebook asked for, or "".
 
@@ -165,7 +166,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     full = config.choices.total_steps
     notes = [f"reduced: {steps} of {full} training steps"] if steps < full else []
     notes += [f"longer: {steps} instead of {full} training steps"] if steps > full else []
-    notes += [f"varied: {', '.join(setting_texts(settings))}"] if settings else []
+    varied = f"varied: {', '.join(setting_texts(settings))}" if settings else ""
     only = ""
     if arguments.only is not None:
         known = figures()
@@ -185,7 +186,8 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "steps": steps,
         "settings": settings,
         "values": config.as_dict(),
-        "note": "; ".join(notes),
+        "varied": varied,
+        "note": "; ".join([*notes, *([varied] if varied else [])]),
         "study": arguments.study,
         "few": arguments.quick and bool(arguments.study),
         "command": _command(arguments, alphas, deltas, None if steps == usual else steps),

@@ -56,7 +56,9 @@ def test_results_of_other_values_or_steps_never_share_a_folder() -> None:
 
 
 def test_a_note_says_what_is_varied() -> None:
-    assert planned("--set", "gamma_evidence=embedded")["note"] == "varied: gamma_evidence=embedded"
+    grid = planned("--set", "gamma_evidence=embedded")
+    assert grid["note"] == grid["varied"] == "varied: gamma_evidence=embedded"
+    assert planned("--quick")["varied"] == "" != planned("--quick")["note"]
     note = str(planned("--steps", "5", "--set", "k=500")["note"])
     assert "reduced: 5 of" in note and "varied: k=500" in note
     assert "longer" in str(planned("--steps", "2000000")["note"])

@@ -83,6 +83,6 @@ rule behaviour:
         animations=expand(f"{PICTURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
     params:
         values=config["values"],
-        parameters=drawing(RUNS=SHOWN, STEPS=config["steps"], DATA_SEED=DATA_SEEDS[0]),
+        parameters=drawing(RUNS=SHOWN, STEPS=config["steps"], DATA_SEED=DATA_SEEDS[0], NOTE=config["note"]),
     shell:
         execute("11_behaviour")
