@@ -87,7 +87,7 @@ def follow(lines: IO[str], log: IO[str]) -> bool:
 
 
 def engine(slurm: bool, cores: int | None) -> list[str]:
-    """Options of Snakemake: run jobs on so many cores here, or so many at a time on Slurm."""
+    """Options of Snakemake: how many jobs run at a time, here or on Slurm."""
     if not slurm:
         return ["--cores", str(cores or CORES)]
     return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]

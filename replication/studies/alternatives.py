@@ -52,7 +52,7 @@ from srlrepro.storage.made_of import require_made_of
 
 ORACLES = ("nominal", "real")
 FOLDS = 5  # of the calibration of the SVM: scikit-learn's default
-ITERATIONS = 5000  # of the perceptron, at most: L-BFGS converges in some hundred
+ITERATIONS = 5000  # of the perceptron, at most: L-BFGS converges in a few hundred
 
 
 @dataclass(frozen=True, eq=False)
