@@ -31,7 +31,7 @@ THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NU
 def set_up(names: list[str]) -> None:
     """Make ``.venv`` and install these requirements, unless that has been done with the same ones."""
     for name in names:
-        sources = [ROOT / name, ROOT / "constraints.txt", ROOT / "pyproject.toml"]
+        sources = [*sorted(ROOT.glob("requirements*.txt")), ROOT / "constraints.txt", ROOT / "pyproject.toml"]
         wanted = hashlib.sha256(b"".join(s.read_bytes() for s in sources) + sys.version.encode()).hexdigest()
         stamp = VENV / f"{name}.sha256"
         if stamp.exists() and stamp.read_text() == wanted:
