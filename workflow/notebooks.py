@@ -44,37 +44,28 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 IRI_GRAMMAR = "rfc3987_syntax"  # of IRIs: the validator takes two seconds to build it; no notebook holds one
 LONGEST_RECORD = 2**16  # Linux takes 128 KiB in a variable
 SETTINGS = "SETTINGS"
-NAMES = ("ID", "UNIVERSES", "RUNS", "COMMON_RUNS")
+NAMES = ("ID", "UNIVERSES", "RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
 INJECTED = "injected-parameters"  # papermill's tag
 WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
 
 
-def parameters_of(notebook: Path, tag: str = "parameters") -> dict[str, Any]:
-    """{name: value} that the notebook's one cell with a tag assigns; read, not executed.
+def parameters_of(notebook: Path) -> dict[str, Any]:
+    """{name: value} that the notebook's one cell tagged ``parameters`` assigns; read, not executed.
 
     Raises:
         ResultError: no such notebook, not exactly one such cell, or one that assigns more than plain values.
     """
     found = read_json(notebook)
     try:
-        sources = [
-            "".join(cell["source"]) for cell in found["cells"] if tag in cell["metadata"].get("tags", [])
-        ]
+        tagged = [cell for cell in found["cells"] if "parameters" in cell["metadata"].get("tags", [])]
+        sources = ["".join(cell["source"]) for cell in tagged]
         assigned = [node for node in ast.parse("\n".join(sources)).body if isinstance(node, ast.Assign)]
         values = {ast.unparse(node.targets[0]): ast.literal_eval(node.value) for node in assigned}
-    except (
-        LookupError,
-        TypeError,
-        AttributeError,
-        ValueError,
-        SyntaxError,
-        RecursionError,
-        MemoryError,
-    ) as error:
-        raise ResultError(f"{notebook} is not a notebook, or its cell tagged {tag!r} computes") from error
+    except Exception as error:  # what is no notebook fails in many ways, and so does what ast reads
+        raise ResultError(f"{notebook} is no notebook, or its cell tagged 'parameters' computes") from error
     if len(sources) != 1:
-        raise ResultError(f"{notebook} has {len(sources)} cells tagged {tag!r} instead of one")
+        raise ResultError(f"{notebook} has {len(sources)} cells tagged 'parameters' instead of one")
     return values
 
 
