@@ -87,11 +87,9 @@ def train(arguments: argparse.Namespace) -> None:
     steps = config.choices.total_steps if arguments.steps is None else arguments.steps
     run = training.Run(alpha, arguments.delta, _seed(arguments), steps)
     checkpoint = arguments.out / "checkpoint.zip"
-    if not arguments.trust_checkpoint:
-        without = (
-            "without a checkpoint, or with --trust-checkpoint (its pickles can run any code as they are read)"
-        )
-        check(not checkpoint.is_file(), "--out", arguments.out, without)
+    ok = arguments.trust_checkpoint or not checkpoint.is_file()
+    trust = "with --trust-checkpoint (its pickles can run any code as they are read)"
+    check(ok, "--out", arguments.out, f"without a checkpoint, or {trust}")
     result = training.train(run, config, _region(arguments, alpha, config), arguments.out, checkpoint)
     print(json.dumps({"counts": result["counts"], "final_policy": result["final_policy"]}, indent=1))
 
@@ -105,10 +103,8 @@ def list_choices(arguments: argparse.Namespace) -> None:
             if found:
                 print(f"\n{stage}: changes {results}")
             for f in found:
-                m, unit = f.metadata, f" {f.metadata['unit']}" if f.metadata["unit"] else ""
-                print(
-                    f"  {f.name} = {f.default}{unit}, in {m['allowed']}\n      {m['meaning']} ({m[source]})"
-                )
+                m, value = f.metadata, f"{f.default} {f.metadata['unit']}".rstrip()
+                print(f"  {f.name} = {value}, in {m['allowed']}\n      {m['meaning']} ({m[source]})")
         print()
 
 
@@ -132,24 +128,21 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("label", label, "Print l(x) of one state and how K fares from it.")
     state = "θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)"
     sub.add_argument("--state", type=float, nargs=6, required=True, metavar="X", help=state)
-    delta = "mass mismatch Δ (default: 1, the nominal system: l_n)"
-    sub.add_argument("--delta", type=float, default=1.0, help=delta)
+    text = "mass mismatch Δ (default: 1, the nominal system: l_n)"
+    sub.add_argument("--delta", type=float, default=1.0, help=text)
     add_settings(sub)
 
     text = "Train one run; started again with --trust-checkpoint after a kill, it goes on."
     sub = command("train", train, text)
-    alpha = "share of UD of the region, or none: no supervisor"
-    sub.add_argument("--alpha", required=True, help=alpha)
+    sub.add_argument("--alpha", required=True, help="share of UD of the region, or none: no supervisor")
     sub.add_argument("--delta", type=float, required=True, help="mass mismatch Δ > 0 of the real system")
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
     sub.add_argument("--region", type=path, help="file that the command region wrote; not with --alpha none")
     sub.add_argument("--out", type=path, required=True, help="folder to write")
-    trust = (
-        "go on from checkpoint.zip in the folder: it holds pickles of stable-baselines3, which can run any "
-        "code as they are read, so only if you or this program wrote it"
-    )
-    sub.add_argument("--trust-checkpoint", action="store_true", help=trust)
+    pickles = "it holds pickles of stable-baselines3, which can run any code as they are read"
+    text = f"go on from checkpoint.zip in the folder: {pickles}, so only if you or this program wrote it"
+    sub.add_argument("--trust-checkpoint", action="store_true", help=text)
     add_settings(sub)
 
     command("choices", list_choices, "List every parameter with its value, allowed values and reason.")

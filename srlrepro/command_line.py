@@ -36,15 +36,9 @@ def path(text: str) -> Path:
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Give a command line ``--set NAME=VALUE …``, collected in ``settings``."""
-    parser.add_argument(
-        "--set",
-        dest="settings",
-        action="extend",
-        nargs="+",
-        default=[],
-        metavar="NAME=VALUE",
-        help="vary parameters; python -m srlrepro choices lists them",
-    )
+    text = "vary parameters; python -m srlrepro choices lists them"
+    option = parser.add_argument("--set", dest="settings", action="extend", nargs="+", default=[], help=text)
+    option.metavar = "NAME=VALUE"
 
 
 def subcommands(parser: argparse.ArgumentParser) -> Callable[..., argparse.ArgumentParser]:

@@ -7,11 +7,10 @@ from srlrepro.settings.fields import check_fields, chosen
 
 @dataclass(frozen=True)
 class Choices:
-    """Values that the paper leaves open; the metadata of each field gives the reason of our choice.
+    """Values that the paper leaves open, with the reason of our choice as metadata.
 
-    A default follows, in this order: the paper's words; the conditions that the paper states as its set-up
-    and that a wrong choice would break; for Ψ and Γ, held-out calibration on nominal data; the library's
-    default. Never the outcomes of Fig. 3.
+    A default follows, in this order: the paper's words; the conditions that the paper states as its set-up;
+    for Ψ and Γ, held-out calibration on nominal data; the library's default. Never the outcomes of Fig. 3.
     """
 
     # fmt: off

@@ -16,11 +16,7 @@ def alpha_text(alpha: float | None) -> str:
 
 
 def parse_alpha(text: str, name: str = "alpha") -> float | None:
-    """α of its text; None for "none".
-
-    Raises:
-        ParameterError: the text is neither a number in [0, 1] nor "none"; ``name`` names it there.
-    """
+    """α of its text, None for "none"; else `ParameterError`, where ``name`` names it."""
     if text == NONE:
         return None
     try:
@@ -43,20 +39,11 @@ def check_delta(delta: Any) -> None:
 
 @dataclass(frozen=True)
 class Condition:
-    """One cell of the grid.
+    """One cell of the grid; values that are not allowed raise `ParameterError`."""
 
-    Attributes:
-        alpha: share of UD in the training data of the region; None: no supervisor.
-        delta: mass mismatch Δ > 0 of the real system.
-        seed: of the learner.
-
-    Raises:
-        ParameterError: one of them is not allowed.
-    """
-
-    alpha: float | None
-    delta: float
-    seed: int
+    alpha: float | None  # share of UD in the training data of the region; None: no supervisor
+    delta: float  # mass mismatch Δ > 0 of the real system
+    seed: int  # of the learner
 
     def __post_init__(self) -> None:
         if self.alpha is not None:
@@ -76,16 +63,10 @@ class Condition:
 
     @classmethod
     def parse(cls, name: str) -> "Condition":
-        """The condition of a `name`.
-
-        Raises:
-            ParameterError: it is no such name.
-        """
+        """The condition of a `name`; `ParameterError` if it is no such name."""
         parts = [part.partition("_") for part in name.split("__")]
-        if [key for key, _, _ in parts] != ["alpha", "delta", "seed"]:
-            raise ParameterError(
-                f"condition = {one_line(name)}: must be such as alpha_0.5__delta_1.1__seed_0"
-            )
+        known = [key for key, _, _ in parts] == ["alpha", "delta", "seed"]
+        check(known, "condition", name, "such as alpha_0.5__delta_1.1__seed_0")
         try:
             found = Condition(parse_alpha(parts[0][2]), float(parts[1][2]), int(parts[2][2]))
         except ValueError as error:

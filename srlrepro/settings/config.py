@@ -1,8 +1,4 @@
-"""Every number of a replication: what the paper states (`Paper`) and what we chose (`Choices`).
-
-Default, bounds, unit and source of a parameter stand in these two classes alone. `Config.with_values` varies
-any of them without editing code.
-"""
+"""Every number of a replication: what the paper states (`Paper`) and what we chose (`Choices`)."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -30,18 +26,11 @@ class Config:
     choices: Choices = Choices()
 
     def with_values(self, /, **values: Any) -> "Config":
-        """A configuration with some fields of either class replaced.
-
-        Raises:
-            ParameterError: an unknown name or a value that is not allowed.
-        """
+        """Some fields of either class replaced; `ParameterError`: an unknown name, or a value not allowed."""
         for name, value in values.items():
             check(name in PARAMETERS, name, value, "left out: there is no such parameter")
-        stated = {f.name for f in fields(Paper)}
-        return Config(
-            replace(self.paper, **{n: v for n, v in values.items() if n in stated}),
-            replace(self.choices, **{n: v for n, v in values.items() if n not in stated}),
-        )
+        stated = {f.name: values.pop(f.name) for f in fields(Paper) if f.name in values}
+        return Config(replace(self.paper, **stated), replace(self.choices, **values))
 
     def as_dict(self) -> dict[str, Any]:
         """{name: value} of every parameter."""
@@ -58,11 +47,7 @@ class Config:
 
 
 def parse_value(name: str, text: str) -> Any:
-    """The value of the field ``name`` written as ``text`` on a command line.
-
-    Raises:
-        ParameterError: an unknown name, or a text that is not of the field's type.
-    """
+    """The value of a parameter that is written as ``text``; `ParameterError` if it is not of its type."""
     check(name in PARAMETERS, name, text, "left out: there is no such parameter")
     kind = PARAMETERS[name].type
     if kind is str:
@@ -82,8 +67,7 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
     """{name: value} of texts such as ``k=500``.
 
     Raises:
-        ParameterError: a text without ``=``, an unknown name, a name given twice, or a value that is not
-            allowed.
+        ParameterError: no ``=``, an unknown name, a name given twice, or a value that is not allowed.
     """
     values: dict[str, Any] = {}
     for setting in settings:

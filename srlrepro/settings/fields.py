@@ -1,9 +1,6 @@
 """Parameters that know their stage, unit, allowed values and where they come from.
 
-The *stage* of a parameter is the first of `STAGES` whose results depend on it; the later ones then do so too.
-
-All modules of settings need only the standard library, so that a command line can be checked before anything
-is installed.
+The settings need only the standard library, so that a command line is checked before anything slow is loaded.
 """
 
 import math
@@ -11,7 +8,7 @@ from dataclasses import Field, field, fields
 from numbers import Integral, Real
 from typing import Any
 
-STAGES = {  # in their order: what is made there
+STAGES = {  # in their order: what is made there; a parameter has the first stage that depends on it
     "physics": "the pendulum under K, and all that follows",
     "data": "the training data, and all that follows",
     "region": "Ψ, Γ and S_y, and the training runs under them",
@@ -58,7 +55,7 @@ def stated(stage: str, default: Any, allowed: str, unit: str, meaning: str, plac
 
 
 def chosen(stage: str, default: Any, allowed: str, unit: str, meaning: str, reason: str) -> Any:
-    """A field of `Choices`; as `stated`, with the reason of the choice instead of a place."""
+    """A field of `Choices`: as `stated`, with a reason instead of a place."""
     known = {"stage": stage, "allowed": allowed, "unit": unit, "meaning": meaning, "reason": reason}
     return field(default=default, metadata=known)
 
@@ -67,11 +64,9 @@ def check_field(f: "Field[Any]", value: Any) -> None:
     """Raise `ParameterError` unless a value is allowed for a field that `stated` or `chosen` made."""
     allowed, whole = f.metadata["allowed"], f.type is int
     if f.type is str:
-        check(value in allowed.split("|"), f.name, value, f"one of {allowed.replace('|', ', ')}")
-        return
+        return check(value in allowed.split("|"), f.name, value, f"one of {allowed.replace('|', ', ')}")
     if f.type is bool:
-        check(isinstance(value, bool), f.name, value, "true or false")
-        return
+        return check(isinstance(value, bool), f.name, value, "true or false")
     kind = f"a {'whole ' if whole else ''}number in {allowed}"
     check(is_number(value, whole), f.name, value, kind)
     if is_number(value, whole=True):
@@ -93,5 +88,5 @@ def check_fields(values: Any) -> None:
 
 def check_whole(name: str, value: Any, least: int, most: int = LARGEST_WHOLE) -> None:
     """Raise `ParameterError` unless a value is a whole number between two others."""
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    check(whole and least <= value <= most, name, value, f"a whole number in [{least}, {most}]")
+    ok = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+    check(ok, name, value, f"a whole number in [{least}, {most}]")

@@ -62,7 +62,7 @@ def beside(path: Path) -> Iterator[Path]:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove the temporary files that killed writers have left anywhere below a folder."""
-    for path in Path(folder).rglob(f".*{UNFINISHED}*"):
+    for path in folder.rglob(f".*{UNFINISHED}*"):
         path.unlink()
 
 
@@ -73,11 +73,7 @@ def sha256(path: Path) -> str:
 
 
 def require_writable(folder: Path) -> None:
-    """Make the folder, and see that a file can be written there.
-
-    Raises:
-        ResultError: it cannot.
-    """
+    """Make the folder; raise `ResultError` if no file can be written there."""
     probe = Path(folder) / f".probe{UNFINISHED}"
     with beside(probe):
         pass
@@ -85,39 +81,28 @@ def require_writable(folder: Path) -> None:
 
 
 def existing(path: Path) -> Path:
-    """``path``, if there is such a file, of at most `LARGEST` bytes.
-
-    Raises:
-        ResultError: there is none, or it is larger.
-    """
+    """``path``, if there is such a file, of at most `LARGEST` bytes; else raise `ResultError`."""
+    path = Path(path)
     try:
-        size = Path(path).stat().st_size if Path(path).is_file() else None
+        if not path.is_file():
+            raise ResultError(f"missing result {path}: run the stage that makes it first")
+        size = path.stat().st_size
     except OSError as error:
         raise ResultError(f"cannot read {path}: {error.strerror}") from error
-    if size is None:
-        raise ResultError(f"missing result {path}: run the stage that makes it first")
     if size > LARGEST:
         raise ResultError(f"{path} has {size} bytes, more than {LARGEST}")
-    return Path(path)
+    return path
 
 
 def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
-    """See that the parts of an archive state at most `LARGEST` bytes together; zipfile reads no more of them.
-
-    Raises:
-        ResultError: they state more.
-    """
+    """Raise `ResultError` if the parts state more than `LARGEST` bytes; zipfile reads no more than stated."""
     unpacked = sum(part.file_size for part in archive.infolist())
     if unpacked > LARGEST:
         raise ResultError(f"{path} unpacks to {unpacked} bytes, more than {LARGEST}")
 
 
 def bounded_archive(path: Path, kind: str = "zip archive") -> Path:
-    """``path``, if there is such an archive, whose parts unpack to at most `LARGEST` bytes together.
-
-    Raises:
-        ResultError: there is none, it is damaged, or it is larger.
-    """
+    """``path``, if it is an archive that unpacks to at most `LARGEST` bytes; else raise `ResultError`."""
     try:
         with zipfile.ZipFile(existing(path)) as archive:
             check_unpacked(archive, path)
@@ -175,11 +160,7 @@ def _no_number(text: str) -> None:
 
 
 def parse_json(text: str) -> Any:
-    """The value of a JSON text, without the names given twice, NaN and infinity that Python takes.
-
-    Raises:
-        ValueError: the text is not JSON, or nested too deeply to be read.
-    """
+    """The value of a JSON text; `ValueError`: it is none, too deep, or has NaN, infinity or a name twice."""
     try:
         return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
     except RecursionError as error:
@@ -187,11 +168,7 @@ def parse_json(text: str) -> Any:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        ResultError: the file is missing, too large or not JSON (`parse_json`).
-    """
+    """Read a JSON file; raise `ResultError` if it is missing, too large or not JSON (`parse_json`)."""
     try:
         return parse_json(existing(path).read_text(encoding="utf-8"))
     except ValueError as error:
@@ -207,12 +184,10 @@ def write_table(path: Path, table: pd.DataFrame, digits: int | None = None) -> N
 def read_table(
     path: Path, columns: tuple[str, ...], numbers: tuple[str, ...] = (), text: tuple[str, ...] = ()
 ) -> pd.DataFrame:
-    """Read a CSV table that has at least the given columns: those in ``numbers`` may hold numbers alone,
-    those in ``text`` are kept as they are written.
+    """Read a CSV table that has at least ``columns``; those in ``text`` are kept as they are written.
 
     Raises:
-        ResultError: the file is missing, too large, empty, lacks a column, or a column of ``numbers`` holds
-            something else.
+        ResultError: the file is missing, too large, empty, lacks a column, or has words in ``numbers``.
     """
     try:
         table = pd.read_csv(existing(path), dtype=dict.fromkeys(text, str))

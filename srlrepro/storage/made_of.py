@@ -1,8 +1,4 @@
-"""What a file of training data or of a region was made of, and whether that is what is asked for.
-
-Such a file holds α, the seed and the value of every parameter that its content depends on. Whoever reads it
-compares them with what is asked for, so that no result is taken for another.
-"""
+"""What a file of training data or of a region was made of, so that no result is taken for another."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -17,17 +13,11 @@ from srlrepro.storage.files import ResultError, parse_json
 
 @dataclass(frozen=True)
 class MadeOf:
-    """What training data, or a region learned from them, depend on.
+    """What training data, or a region learned from them, depend on."""
 
-    Attributes:
-        alpha: share of UD in the data.
-        seed: of the data.
-        values: {name: value} of the parameters (`Config.until` the stage).
-    """
-
-    alpha: float
-    seed: int
-    values: dict[str, Any]
+    alpha: float  # share of UD in the data
+    seed: int  # of the data
+    values: dict[str, Any]  # {name: value} of the parameters (`Config.until` the stage)
 
 
 def write_made_of(made_of: MadeOf | None) -> str:
@@ -37,9 +27,6 @@ def write_made_of(made_of: MadeOf | None) -> str:
 
 def read_made_of(text: Any, stage: str, path: Path) -> MadeOf | None:
     """What `write_made_of` wrote for a result of a stage.
-
-    Returns:
-        None for what was made by hand.
 
     Raises:
         ResultError: the text says anything but α, a seed and allowed values of all parameters of the stage.
@@ -59,27 +46,20 @@ def read_made_of(text: Any, stage: str, path: Path) -> MadeOf | None:
 
 
 def require_made_of(
-    made_of: MadeOf | None,
-    config: Config,
-    stage: str,
-    *,
-    where: Any,
-    alpha: float | None = None,
-    seed: int | None = None,
+    made_of: MadeOf | None, config: Config, stage: str, *, where: Any, **of_data: float | None
 ) -> None:
     """See that a result of a stage was made of what is asked for.
 
     Args:
         where: the file, as a refusal names it.
-        alpha, seed: of the data; None: any.
+        of_data: alpha, seed of the data; None or left out: any.
 
     Raises:
         ParameterError: it was made with another value, or does not say with which.
     """
     check(made_of is not None, stage, where, "one that says what it was made of, not one made by hand")
     assert made_of is not None
-    asked = {"alpha": alpha, "seed": seed} | config.until(stage)
     found = {"alpha": made_of.alpha, "seed": made_of.seed} | made_of.values
-    for name, value in asked.items():
+    for name, value in (of_data | config.until(stage)).items():
         same = value is None or value == found.get(name)
         check(same, name, value, f"{found.get(name)}, with which {where} was made")

@@ -28,11 +28,11 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 @cache
-def code_hash(package: Path = PACKAGE) -> str:
-    """SHA-256 of the sources of the method, or of another folder of modules: paths and contents."""
+def code_hash() -> str:
+    """SHA-256 of the sources of the method: paths and contents."""
     digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        digest.update(source.relative_to(package).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
+    for source in sorted(PACKAGE.rglob("*.py")):
+        digest.update(source.relative_to(PACKAGE).as_posix().encode() + b"\0" + source.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
@@ -51,11 +51,7 @@ def peak_memory(who: int = resource.RUSAGE_SELF) -> float:
 
 
 def provenance(seconds: float, who: int = resource.RUSAGE_SELF, code: str = "") -> dict[str, Any]:
-    """What made a result: hash of its code, versions, machine, seconds that it took, memory (MB).
-
-    Args:
-        code: the hash, if it is not that of the method alone.
-    """
+    """What made a result: hash of its code (by default the method's), versions, machine, s, memory (MB)."""
     return {
         "code": code or code_hash(),
         "python": platform.python_version(),
