@@ -51,16 +51,16 @@ from replication.evidence.statistics import LEVEL, mean_interval, share_interval
 
 MEASURE_COLUMNS = ("measure", "alpha", "delta", "seed", "value")
 INCLUSIVE = ("at_least", "at_most", "near")  # the border belongs to the range in which the claim holds
-KINDS = (
+KINDS = {
+    *INCLUSIVE,
     "decreasing",
     "increasing",
     "greater",
     "less",
-    *INCLUSIVE,
     "larger_gap",
     "smallest_drop",
     "most_runs",
-)
+}
 STATES = ("supports", "contradicts", "unresolved", "not measured")
 VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
 PAPER_SEEDS = 3  # Sec. IV-A
@@ -112,15 +112,7 @@ def load_claims() -> list[Claim]:
 
 
 def _cells(selection: dict[str, list[Any]]) -> list[Cell]:
-    names = list(selection)
-    return [dict(zip(names, values, strict=True)) for values in itertools.product(*selection.values())]
-
-
-def _seeds(table: pd.DataFrame, cell: Cell) -> pd.Series:
-    """The values of a cell by seed; none if it was not measured."""
-    for column, value in cell.items():
-        table = table[table[column] == value]
-    return table.groupby("seed")["value"].mean()
+    return [dict(zip(selection, values, strict=True)) for values in itertools.product(*selection.values())]
 
 
 def _text(cell: Cell) -> str:
@@ -133,28 +125,27 @@ def _contrasts(
 ) -> Iterator[tuple[str, pd.Series, pd.Series | float]]:
     """(what is compared, a, b) for one value of ``for_each``: the claim says that a − b is large."""
 
-    def values(cell: Cell) -> pd.Series:
-        return _seeds(table, {**fixed, **cell})
+    def values(cell: Cell) -> pd.Series:  # by seed; none if the cell was not measured
+        own = table
+        for column, value in (fixed | cell).items():
+            own = own[own[column] == value]
+        return own.groupby("seed")["value"].mean()
 
     where, than = _cells(claim.where), _cells(claim.than)
     if claim.kind in ("decreasing", "increasing"):
-        for a, b in itertools.pairwise(grid[claim.over]):
-            first, second = values({claim.over: a}), values({claim.over: b})
-            if claim.kind == "increasing":
-                first, second = second, first
-            yield f"{SYMBOLS[claim.over]} = {a} to {b}", first, second
+        for levels in itertools.pairwise(grid[claim.over]):
+            larger, smaller = levels if claim.kind == "decreasing" else levels[::-1]
+            name = f"{SYMBOLS[claim.over]} = {levels[0]} to {levels[1]}"
+            yield name, values({claim.over: larger}), values({claim.over: smaller})
     elif claim.kind in ("greater", "less"):
         for a, b in itertools.product(where, than):
-            first, second = values(a), values(b)
-            if claim.kind == "less":
-                first, second = second, first
-            yield f"{_text(a)} against {_text(b)}", first, second
+            larger, smaller = (a, b) if claim.kind == "greater" else (b, a)
+            yield f"{_text(a)} against {_text(b)}", values(larger), values(smaller)
     elif claim.kind in ("larger_gap", "smallest_drop"):
         low, high = {claim.over: claim.low}, {claim.over: claim.high}
         for a, b in itertools.product(where, than):
-            first, second = (values({**cell, **high}) - values({**cell, **low}) for cell in (a, b))
             name = f"{_text(a)} against {_text(b)}, {SYMBOLS[claim.over]} = {claim.low} to {claim.high}"
-            yield name, first, second
+            yield name, values(a | high) - values(a | low), values(b | high) - values(b | low)
     else:
         for a in where:
             measured, sign = values(a), -1.0 if claim.kind == "at_most" else 1.0
@@ -176,18 +167,17 @@ def _state(claim: Claim, low: float, high: float) -> str:
 def contrasts_of(
     claim: Claim, measures: pd.DataFrame, level: float = LEVEL, grid: Grid = GRID
 ) -> pd.DataFrame:
-    """The contrasts of a claim over a grid.
+    """The contrasts of a claim over a grid, a row each.
 
-    Returns:
-        A row per contrast: id, contrast; estimate, low, high: with its interval; least, most: where the claim
-        holds; n: runs or datasets; spread: standard deviation over them; correlation: of the two conditions
-        over seeds (pairing helps where it is positive); points: whether the estimate alone lies where the
-        claim holds; state: one of `STATES`; half_width_of_three, state_of_three: of an interval of three
-        seeds with this mean and spread; values: of the seeds, one by one.
+    Columns: id, contrast; estimate, low, high: with its interval; least, most: where the claim holds; n: runs
+    or datasets; spread: standard deviation over them; correlation: of the two conditions over seeds (pairing
+    helps where it is positive); points: whether the estimate alone lies where the claim holds; state: one of
+    `STATES`; half_width_of_three, state_of_three: of an interval of three seeds with this mean and spread;
+    values: of the seeds, one by one.
     """
     table = measures[measures["measure"] == claim.measure]
     rows = []
-    for fixed in [{claim.for_each: value} for value in grid[claim.for_each]] if claim.for_each else [{}]:
+    for fixed in _cells({claim.for_each: grid[claim.for_each]} if claim.for_each else {}):
         prefix = f"{_text(fixed)}: " if fixed else ""
         for name, a, b in _contrasts(claim, table, fixed, grid):
             values = (a - b).dropna()
@@ -202,10 +192,10 @@ def contrasts_of(
             row |= dict(zip(("least", "most"), claim.holds_within, strict=True))
             correlation = a.corr(b) if isinstance(b, pd.Series) and n > 2 and spread > 0 else math.nan
             row |= {"n": n, "spread": spread, "correlation": correlation}
-            row["points"] = None if n == 0 else _state(claim, mean, mean) == "supports"
-            row["state"] = "not measured" if n == 0 else _state(claim, low, high)
+            row["points"] = _state(claim, mean, mean) == "supports" if n else None
+            row["state"] = _state(claim, low, high) if n else "not measured"
             row["half_width_of_three"] = (three[1] - three[0]) / 2
-            row["state_of_three"] = "not measured" if n == 0 else _state(claim, *three)
+            row["state_of_three"] = _state(claim, *three) if n else "not measured"
             rows.append(row | {"values": " ".join(f"{value:.4g}" for value in values)})
     return pd.DataFrame(rows)
 
@@ -234,11 +224,10 @@ def verdict(contrasts: pd.DataFrame) -> str:
 
 
 def judge_claims(claims: list[Claim], measures: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The verdicts on claims, by tables of measures.
+    """The verdicts on claims, by tables of measures; and the contrasts of all.
 
-    Returns:
-        A row per claim: of its fields, its estimates in words, how many of its contrasts are in each state,
-        the least n of them, its verdict and the corrected one; and the contrasts of all.
+    A row per claim: of its fields, its estimates in words, how many of its contrasts are in each state, the
+    least n of them, its verdict and the corrected one.
     """
     rows, tables = [], []
     for claim in claims:

@@ -40,9 +40,6 @@ Labelled = tuple[Floats, Labels]  # states x [N, 6], rad and rad/s, and their la
 Row = tuple[Any, ...]  # of a table of measures
 
 
-# Hypotheses
-
-
 def classification(region: CompiledHypothesis, x: Floats, labels: Labels) -> dict[str, float]:
     """Errors of any hypothesis h, and of its Γ = P(l(x) = 1), on the states x [B, 6] with true labels [B].
 
@@ -54,16 +51,11 @@ def classification(region: CompiledHypothesis, x: Floats, labels: Labels) -> dic
     probability = region.safety(x)
     h = (probability > region.p_t).astype(np.int64)
     (_, fp), (fn, tp) = confusion_matrix(labels, h, labels=[0, 1]) / len(x)
-    return {
-        "error": fp + fn,
-        "false_positives": fp,
-        "false_negatives": fn,
-        "accepted": tp + fp,
-        "safe": tp + fn,
-        "precision": tp / (tp + fp) if tp + fp > 0 else float("nan"),
-        "recall": tp / (tp + fn) if tp + fn > 0 else float("nan"),
-        "brier": float(brier_score_loss(labels, probability, pos_label=1)),
-    }
+    scores = {"error": fp + fn, "false_positives": fp, "false_negatives": fn}
+    scores |= {"accepted": tp + fp, "safe": tp + fn}
+    scores["precision"] = tp / (tp + fp) if tp + fp > 0 else float("nan")
+    scores["recall"] = tp / (tp + fn) if tp + fn > 0 else float("nan")
+    return scores | {"brier": float(brier_score_loss(labels, probability, pos_label=1))}
 
 
 def reliability(region: CompiledHypothesis, x: Floats, labels: Labels) -> pd.DataFrame:
@@ -75,10 +67,8 @@ def reliability(region: CompiledHypothesis, x: Floats, labels: Labels) -> pd.Dat
 def held_out_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> dict[str, Labelled]:
     """{"UD": (x, l_n(x)), "MND": …}: fresh states of both distributions, labelled on the nominal system."""
     nominal = ClosedLoop.from_config(config)
-    states = {
-        "UD": sample_uniform(TEST_STATES, config.paper.state_max, rng),
-        "MND": sample_mnd(TEST_STATES, mnd, config, rng),
-    }
+    states = {"UD": sample_uniform(TEST_STATES, config.paper.state_max, rng)}
+    states["MND"] = sample_mnd(TEST_STATES, mnd, config, rng)
     return {name: (x, nominal.predict(x)) for name, x in states.items()}
 
 
@@ -88,9 +78,7 @@ def held_out_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> 
 def first_link_shares(x: ArrayLike, config: Config) -> dict[str, float]:
     """Shares of states in two parts of the plane (θ1, θ̇1) of Fig. 2 (a)-(c).
 
-    Returns:
-        ``near_origin_share``: both within half their ranges; ``corner_share``: both beyond, with opposite
-        signs.
+    ``near_origin_share``: both within half their ranges; ``corner_share``: both beyond, with opposite signs.
     """
     states, high = np.asarray(x), config.paper.state_max
     angle, rate = states[:, 0] / high[0], states[:, 3] / high[3]
@@ -106,18 +94,13 @@ def measure_data(data: TrainingData, config: Config) -> dict[str, float]:
 
 def measure_embedding(data: TrainingData, region: SafeRegion, config: Config) -> dict[str, float]:
     """Label purity among the training states: ``state_purity`` of the scaled states, ``embedding_purity``."""
-    points = {
-        "state_purity": known_states(data, config)[0] / config.paper.state_max,
-        "embedding_purity": region.embedding_,
-    }
+    scaled = known_states(data, config)[0] / config.paper.state_max
+    points = {"state_purity": scaled, "embedding_purity": region.embedding_}
     return {name: label_purity(cdist(p, p), region.labels_) for name, p in points.items()}
 
 
 def new_state_purity(region: SafeRegion, states: Mapping[str, Labelled], n_ud: int, k: int) -> float:
-    """Label purity among the places Ψ(x) of k states that t-SNE has not seen, n_ud of them from UD.
-
-    states: fresh ones of both distributions, as `held_out_states` draws them.
-    """
+    """Label purity among the places Ψ(x) of k states of `held_out_states`, n_ud of them from UD."""
     (ud, ud_labels), (mnd, mnd_labels) = states["UD"], states["MND"]
     y = region.transform(np.concatenate([ud[:n_ud], mnd[: k - n_ud]]))
     return label_purity(cdist(y, y), np.concatenate([ud_labels[:n_ud], mnd_labels[: k - n_ud]]))
@@ -126,11 +109,7 @@ def new_state_purity(region: SafeRegion, states: Mapping[str, Labelled], n_ud: i
 def measure_hypothesis(
     data: TrainingData, region: CompiledHypothesis, states: Mapping[str, Labelled], config: Config
 ) -> dict[str, float]:
-    """How good h and Γ are on states that they do not know.
-
-    Args:
-        data: what the hypothesis was learned from.
-        states: fresh ones of both distributions, as `held_out_states` draws them.
+    """How good h and Γ, learned from the data, are on fresh states of `held_out_states`.
 
     Returns:
         ``precision_UD``, … and those of ``recall`` and ``brier``, for both distributions;
@@ -149,14 +128,9 @@ def measure_hypothesis(
 def measure_regions(
     learned: Mapping[str, tuple[TrainingData, CompiledHypothesis]], config: Config, seed: int
 ) -> list[Row]:
-    """Rows of every measure of training data and of what was learned from them.
-
-    Args:
-        learned: by the text of α; all data have the same MND.
-        seed: of the data; it decides the fresh states as well.
-    """
+    """Rows of every measure of training data (of a seed) and of what was learned from them, by text of α."""
     rows: list[Row] = []
-    states: dict[str, Labelled] = {}
+    states: dict[str, Labelled] = {}  # the same for all, as all data have the same MND
     for alpha, (data, region) in learned.items():
         states = states or held_out_states(data.mnd, config, np.random.default_rng([seed, 1]))
         values = measure_data(data, config)
@@ -175,9 +149,9 @@ def measure_run(
     """Rows of every measure of one trained run, from its products: `learning`, `recoveries` and `errors`.
 
     Args:
-        region: the hypothesis behind its supervisor; None: it had none.
-        free: the run without a supervisor of the same Δ and seed, whose states every hypothesis is asked
-            about; None: there is none.
+        region: the hypothesis behind its supervisor, if it had one.
+        free: the run without a supervisor of the same Δ and seed, if there is one; every hypothesis is asked
+            about its states.
 
     Raises:
         ParameterError: the region or the free run is not that of this run.
@@ -186,13 +160,12 @@ def measure_run(
     of, measures = run.condition, learning(run) | recoveries(run)
     check((region is None) == (of.alpha is None), "region", region, "given exactly if alpha is not none")
     check(free is None or region is not None, "common", free, "left out where there is no region")
-    if region is not None:
-        check(region.digest() == run.region, "region", region.digest(), f"{run.region}, as in {run.folder}")
     if free is not None:
         same = Condition(None, of.delta, of.seed)
         check(free.condition == same, "common", free.condition.name, same.name)
         require_same(free, run.config, run.steps)
     if region is not None:
+        check(region.digest() == run.region, "region", region.digest(), f"{run.region}, as in {run.folder}")
         measures |= errors(run, region, free)
     return measure_rows(measures, of.alpha_text, of.delta, of.seed)
 
@@ -230,14 +203,10 @@ def recoveries(run: TrainedRun) -> dict[str, float]:
         there were activations.
     """
     counts, failures = run.counts, run.failures
-    tried = counts["recovered"] + failures
-    measures = {
-        "activations": float(counts["activations"]),
-        "failures": float(failures),
-        "falls": float(counts["falls"]),
-        "violations_per_1000_steps": 1000.0 * (failures + counts["falls"]) / run.steps_done,
-    }
-    if tried:
+    measures = {"activations": float(counts["activations"]), "failures": float(failures)}
+    measures["falls"] = float(counts["falls"])
+    measures["violations_per_1000_steps"] = 1000.0 * (failures + counts["falls"]) / run.steps_done
+    if tried := counts["recovered"] + failures:
         measures["success_rate"] = counts["recovered"] / tried
     if counts["activations"]:
         measures["success_log_odds"] = log_odds(counts["recovered"], failures)
@@ -263,8 +232,7 @@ def errors(run: TrainedRun, region: CompiledHypothesis, free: TrainedRun | None)
     measures |= {name: own[name] for name in ("false_positives", "brier")}
     if free is not None:
         common = classification(region, *labelled(free.visited(), real, free.steps))
-        measures["common_error"] = common["error"]
-        measures["common_false_positives"] = common["false_positives"]
+        measures |= {f"common_{name}": common[name] for name in ("error", "false_positives")}
     if isinstance(region, SafeRegion):
         measures["promise_gap"] = promise_gap(region, run.visited(), real)
     return measures
@@ -307,11 +275,7 @@ def write_measures(path: str | Path, rows: list[Row]) -> pd.DataFrame:
 
 
 def read_measures(*places: str | Path) -> pd.DataFrame:
-    """Tables of measures as one; a place is a table, or a folder with tables.
-
-    Raises:
-        ResultError: a table is missing, or is no table of measures.
-    """
+    """Tables of measures as one; a place is a table, or a folder of tables. `ResultError`: one is none."""
     files = [f for p in map(Path, places) for f in (sorted(p.glob("*.csv")) if p.is_dir() else [p])]
     numbers = ("delta", "seed", "value")
     tables = [read_table(file, MEASURE_COLUMNS, numbers, text=("alpha",)) for file in files]

@@ -27,23 +27,18 @@ RECORD, DATA, REGION = "run.json", "training_data.npz", "region.npz"
 def read_learned(
     results: str | Path, alphas: Iterable[str], seed: int, config: Config
 ) -> dict[str, tuple[TrainingData, SafeRegion]]:
-    """The training data and the regions of a folder of results, by the text of α.
-
-    Args:
-        seed: of the data.
-        config: the values that both must have been made with.
+    """The training data (of a seed) and the regions of a folder of results, by the text of α.
 
     Raises:
-        ParameterError: one was made with other values.
+        ParameterError: one was made with other values than those of config.
         ResultError: a file is missing or damaged.
     """
     learned = {}
     for alpha in alphas:
-        folder = Path(results, f"data_{seed}", f"alpha_{alpha}")
+        folder, asked = Path(results, f"data_{seed}", f"alpha_{alpha}"), parse_alpha(alpha)
         data, region = TrainingData.load(folder / DATA), SafeRegion.load(folder / REGION)
-        share = parse_alpha(alpha)
-        require_made_of(data.made_of, config, "data", where=folder / DATA, alpha=share, seed=seed)
-        require_made_of(region.made_of_, config, "region", where=folder / REGION, alpha=share, seed=seed)
+        require_made_of(data.made_of, config, "data", where=folder / DATA, alpha=asked, seed=seed)
+        require_made_of(region.made_of_, config, "region", where=folder / REGION, alpha=asked, seed=seed)
         learned[alpha] = data, region
     return learned
 
@@ -54,8 +49,6 @@ class TrainedRun:
 
     Attributes:
         folder: that holds all products.
-        condition: α or none, Δ and seed.
-        config: every value under which it was trained.
         region: digest of the hypothesis behind the supervisor.
         steps: asked for; steps_done: rounded up to whole updates.
         counts: of the whole training: activations of K, their outcomes, falls of π, ….
@@ -86,8 +79,7 @@ class TrainedRun:
 
     def visited(self) -> Floats:
         """States [N, 6] that the learner's steps reached, rad and rad/s, in their order."""
-        arrays = read_arrays(self.folder / "visited.npz", VISITED_FORMAT, ("x",))
-        return np.asarray(arrays["x"], np.float64)
+        return np.asarray(read_arrays(self.folder / "visited.npz", VISITED_FORMAT, ("x",))["x"], np.float64)
 
 
 def read_run(place: str | Path) -> TrainedRun:
@@ -118,15 +110,12 @@ def read_run(place: str | Path) -> TrainedRun:
 
 
 def require_same(run: TrainedRun, config: Config, steps: int | None = None) -> None:
-    """See that a run was trained under the values, and for the steps, that its reader asks for.
-
-    Args:
-        steps: None where they do not matter.
+    """See that a run was trained under the values that its reader asks for, and for the steps, if any.
 
     Raises:
         ResultError: it was not; the message names one value that differs.
     """
-    asked = config.as_dict() | ({} if steps is None else {"steps": steps})
+    asked = config.as_dict() | {"steps": run.steps if steps is None else steps}
     found = run.config.as_dict() | {"steps": run.steps}
     for name, value in asked.items():
         if found[name] != value:
@@ -136,19 +125,15 @@ def require_same(run: TrainedRun, config: Config, steps: int | None = None) -> N
 def read_runs(
     results: str | Path, names: Iterable[str], config: Config, steps: int | None = None
 ) -> pd.DataFrame:
-    """The named runs of a folder of results, each as it was asked for.
-
-    Args:
-        names: of their conditions, such as alpha_0__delta_1.1__seed_0.
-        config: the values that they must have been trained under.
-        steps: that they must have been trained for; None: any.
+    """The runs of a folder of results that conditions name, such as alpha_0__delta_1.1__seed_0.
 
     Returns:
         A row per run, with its name as the index: alpha (text), delta, seed, its counts, steps (done) and
         failures (of K).
 
     Raises:
-        ResultError: a run has not been made, or was trained for another condition or under other values.
+        ResultError: a run has not been made, or was trained for another condition, under other values, or for
+            other steps, if they are given.
     """
     rows = {}
     for name in names:
@@ -182,8 +167,8 @@ def read_run_measures(results: str | Path, names: Iterable[str]) -> pd.DataFrame
         path = Path(results, "runs", name, "measures.csv")
         table = read_table(path, MEASURE_COLUMNS, ("delta", "seed", "value"), text=("alpha",))
         of = Condition.parse(name)
-        numbers = np.allclose(table[["delta", "seed"]], [of.delta, of.seed])  # names have few digits
-        if not (numbers and (table["alpha"] == of.alpha_text).all()):
+        same = np.allclose(table[["delta", "seed"]], [of.delta, of.seed])  # names have few digits
+        if not (same and (table["alpha"] == of.alpha_text).all()):
             raise ResultError(f"{path} holds measures of another run")
         tables.append(table)
     return pd.concat(tables, ignore_index=True)

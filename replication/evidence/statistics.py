@@ -25,11 +25,9 @@ Bounds = tuple[float, float]
 
 
 def mean_interval(mean: float, spread: float, n: int, level: float = LEVEL) -> Bounds:
-    """Student's t-interval of a mean of n values with the sample standard deviation spread.
+    """Student's t-interval (low, high) of a mean of n values with the sample standard deviation spread.
 
-    Returns:
-        (low, high); NaN for fewer than two values, which tell nothing of their spread; no width if all values
-        are equal.
+    NaN for fewer than two values, which tell nothing of their spread.
     """
     half = float(half_width(spread, n, level))
     return mean - half, mean + half
@@ -65,10 +63,10 @@ def stratified_bootstrap(
     statistic: Callable[..., Floats] = interquartile_mean,
     level: float = LEVEL,
 ) -> Bounds:
-    """(low, high) of a statistic over all cells, by the percentile bootstrap.
+    """(low, high) of a statistic over all cells, by the percentile bootstrap; runs are drawn within a cell.
 
-    Runs are drawn anew within each cell. cells: the values [n] of the runs of each condition; statistic: of
-    all values, along an axis. NaN if a cell has fewer than two values.
+    cells: the values [n] of the runs of each condition; statistic: of all values, along an axis. NaN if a
+    cell has fewer than two values.
     """
     if min(map(np.size, cells)) < 2:
         return float("nan"), float("nan")
@@ -76,13 +74,8 @@ def stratified_bootstrap(
     def over_cells(*samples: Floats, axis: int = -1) -> Floats:
         return statistic(np.concatenate(samples, axis=axis), axis=axis)
 
+    data = tuple(map(np.asarray, cells))
     found = stats.bootstrap(
-        tuple(np.asarray(cell) for cell in cells),
-        over_cells,
-        n_resamples=RESAMPLES,
-        confidence_level=level,
-        method="percentile",
-        axis=-1,
-        rng=rng,
+        data, over_cells, n_resamples=RESAMPLES, confidence_level=level, method="percentile", axis=-1, rng=rng
     ).confidence_interval
     return float(found.low), float(found.high)

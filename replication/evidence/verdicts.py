@@ -19,10 +19,7 @@ LONG = {  # a run beyond the paper's grid: the table that shows that it is compl
 DECIDED = ("supports", "contradicts")  # of the states of a contrast
 AGAINST = ("contradicts", "unresolved", "supports", "not measured")  # states of a contrast, the worst first
 COLUMNS = ("id", "statement", "place", "paper", "estimates", "n", "points", "verdict", "ill_posed", "joins")
-CONTRASTS = (
-    *("id", "contrast", "estimate", "low", "high", "least", "most", "n"),
-    *("state", "half_width_of_three", "state_of_three"),
-)
+CONTRASTS = ("id", "contrast", "estimate", "low", "high", "least", "most", "n", "state", "state_of_three")
 
 
 def is_there(figures: Path, name: str) -> bool:
@@ -45,11 +42,10 @@ def read_verdicts(figures: Path) -> dict[str, Any]:
     """The claims, their verdicts and what these rest on, for the templates.
 
     ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
-    empty without that set; ``settled`` and ``changed``: of the claims whose test can decide,
-    how many that three seeds
-    leave open the larger set does not, and how many others it judges otherwise; ``further``: its runs beyond
-    the three seeds; ``papers``: success rates that the paper gives, as it writes them; ``best``: the return
-    of a perfect trial.
+    empty without that set; ``settled`` and ``changed``: of the claims whose test can decide, how many that
+    three seeds leave open the larger set does not, and how many others it judges otherwise; ``further``: its
+    runs beyond the three seeds; ``papers``: success rates that the paper gives, as it writes them; ``best``:
+    the return of a perfect trial.
 
     Raises:
         ResultError: a table is missing.
@@ -63,10 +59,8 @@ def read_verdicts(figures: Path) -> dict[str, Any]:
         further = len(_runs(figures / LARGER)) - len(cells)
     larger = larger.merge(three, on="id", how="left")
     sound = larger[larger["ill_posed"].isna()]
-    left_open, moved = (
-        sound["verdict_of_three"] == "inconclusive",
-        sound["verdict"] != sound["verdict_of_three"],
-    )
+    left_open = sound["verdict_of_three"] == "inconclusive"
+    moved = sound["verdict"] != sound["verdict_of_three"]
     return {
         "verdicts": VERDICTS,
         "claims": claims.fillna("").to_dict("records"),
@@ -96,16 +90,15 @@ def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
     if margin.isna().all():
         return {"contrast": "", "estimate": "not measured"}
     ranked = contrasts.assign(margin=margin, rank=contrasts["state"].map(AGAINST.index))
-    row = ranked.sort_values(["rank", "margin"]).to_dict("records")[0]
-    value, low, high = row["estimate"], row["low"], row["high"]
+    row = ranked.sort_values(["rank", "margin"]).iloc[0]
+    value, low, high = row[["estimate", "low", "high"]]
     if claim.kind in ("at_least", "near"):  # `claims` subtracts the number
         value, low, high = claim.value + value, claim.value + low, claim.value + high
     elif claim.kind == "at_most":  # and turns this kind round
         value, low, high = claim.value - value, claim.value - high, claim.value - low
+    words = f"{value:.3g} [{low:.3g}, {high:.3g}]"
     if claim.paper.endswith("%"):
         words = f"{100 * value:.4g} [{100 * low:.4g}, {100 * high:.4g}] %"
-    else:
-        words = f"{value:.3g} [{low:.3g}, {high:.3g}]"
     return {"contrast": row["contrast"], "estimate": words}
 
 
@@ -125,10 +118,7 @@ def rows(figures: Path, judgement: dict[str, Any]) -> list[dict[str, Any]]:
         counts = own["state"].value_counts().reindex(STATES, fill_value=0)
         states = " · ".join(str(counts[state]) for state in ("supports", "contradicts", "unresolved"))
         lost = own["state"].isin(DECIDED) & (own["state_of_three"] == "unresolved")
-        found.append(
-            claim
-            | weakest(tests[claim["id"]], own)
-            | {"states": states, "contrasts": len(own), "open": counts["unresolved"]}
-            | {"lost": own.loc[lost, "contrast"].tolist()}
-        )
+        row = {"states": states, "contrasts": len(own), "open": counts["unresolved"]}
+        row["lost"] = own.loc[lost, "contrast"].tolist()
+        found.append(claim | weakest(tests[claim["id"]], own) | row)
     return found
