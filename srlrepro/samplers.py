@@ -16,7 +16,7 @@ from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torqu
 from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, as_torque, jit
 from srlrepro.settings.condition import check_share
 from srlrepro.settings.config import Config
-from srlrepro.settings.fields import check, check_whole
+from srlrepro.settings.fields import check
 from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, write_made_of
 
@@ -44,21 +44,13 @@ class MultivariateNormal:
 
 @dataclass(frozen=True, eq=False)
 class TrainingData:
-    """D_tr, and the normal distribution behind a part of it.
+    """D_tr, and the normal distribution behind a part of it."""
 
-    Attributes:
-        x: [k, 6] states, rad and rad/s; the first ones from UD, the others from MND.
-        z: [k] safety labels l_n(x), 1 = safe.
-        n_ud: number of states from UD.
-        mnd: the normal distribution that the others were drawn from.
-        made_of: α, seed and values behind them; None for data made by hand.
-    """
-
-    x: Floats
-    z: Labels
-    n_ud: int
-    mnd: MultivariateNormal
-    made_of: MadeOf | None = None
+    x: Floats  # [k, 6] states, rad and rad/s; the first ones from UD, the others from MND
+    z: Labels  # [k] safety labels l_n(x), 1 = safe
+    n_ud: int  # number of states from UD
+    mnd: MultivariateNormal  # that the others were drawn from
+    made_of: MadeOf | None = None  # None: made by hand
 
     def save(self, path: Path) -> None:
         """Write as npz (no pickle), beside and renamed."""
@@ -68,38 +60,27 @@ class TrainingData:
 
     @classmethod
     def load(cls, path: Path) -> "TrainingData":
-        """Read what `save` wrote.
-
-        Raises:
-            ResultError: the file is missing, truncated or something else, or holds no labelled states.
-        """
+        """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or no labelled states."""
         a = read_arrays(path, FORMAT, ("x", "z", "n_ud", "mean", "covariance", "made_of"))
         try:
-            k = len(as_states(a["x"]))
-            fits = a["z"].shape == (k,) and bool(np.isin(a["z"], (0, 1)).all()) and k >= 2
-            fits = fits and a["mean"].shape == (6,) and a["covariance"].shape == (6, 6)
+            k, n_ud = len(as_states(a["x"])), int(a["n_ud"])
+            fits = [a[name].shape for name in ("z", "mean", "covariance")] == [(k,), (6,), (6, 6)]
             fits = fits and bool(np.isfinite(a["mean"]).all() and np.isfinite(a["covariance"]).all())
-            n_ud = int(a["n_ud"])
-            fits = fits and 0 <= n_ud <= k
+            if not (fits and np.isin(a["z"], (0, 1)).all() and k >= 2 and 0 <= n_ud <= k):
+                raise ValueError("parts that do not fit together")
         except (ValueError, TypeError) as error:
             raise ResultError(f"{path} holds no labelled states: {error}") from error
-        if not fits:
-            raise ResultError(f"{path} holds no labelled states")
         mnd = MultivariateNormal(a["mean"], a["covariance"])
         return cls(a["x"], a["z"], n_ud, mnd, read_made_of(a["made_of"], "data", path))
 
 
 def split(alpha: float, k: int) -> tuple[int, int]:
-    """The numbers of states that are drawn from UD and from MND.
-
-    Returns:
-        (|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
+    """(|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
 
     Raises:
-        ParameterError: α outside [0, 1], or k not a whole number of at least 2.
+        ParameterError: α outside [0, 1].
     """
     check_share(alpha)
-    check_whole("k", k, 2)
     n_ud = int(np.floor(alpha * k + 0.5))
     return n_ud, k - n_ud
 
@@ -112,17 +93,12 @@ def sample_uniform(n: int, state_max: ArrayLike, rng: Generator) -> Floats:
 
 @jit
 def _random_rollouts(
-    coefficients: Coefficients,
-    limits: Limits,
-    state_max: Floats,
-    torques: Floats,
-    periods_per_torque: int,
-    out: Floats,
+    coefficients: Coefficients, limits: Limits, state_max: Floats, torques: Floats, hold: int, out: Floats
 ) -> int:
     n = 0
     for i in range(torques.shape[0]):
         state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        for t in range(torques.shape[1] * periods_per_torque):
+        for t in range(torques.shape[1] * hold):
             inside = True
             for j in range(6):
                 inside = inside and abs(state[j]) <= state_max[j]
@@ -130,9 +106,7 @@ def _random_rollouts(
                 break
             out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = state
             n += 1
-            state, outcome = hold_torque(
-                coefficients, limits, state, as_torque(torques[i, t // periods_per_torque])
-            )
+            state, outcome = hold_torque(coefficients, limits, state, as_torque(torques[i, t // hold]))
             if outcome != 0:
                 break
     return n
@@ -145,12 +119,11 @@ def visited_states(config: Config, rng: Generator) -> Floats:
     the state space of App. C, or after ``random_length``. States are recorded every control period.
     """
     paper, choices = config.paper, config.choices
-    loop = ClosedLoop.from_config(config)
     hold = max(1, round(choices.random_hold / choices.control_period))
     pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
     torques = rng.uniform(-paper.torque_limit, paper.torque_limit, (choices.random_rollouts, pieces, 3))
     out = np.empty((choices.random_rollouts * pieces * hold, 6))
-    coefficients, _, limits, _ = loop.kernel_arguments
+    coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
     n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
     return out[:n].copy()
 
@@ -167,13 +140,7 @@ def sample_mnd(n: int, mnd: MultivariateNormal, config: Config, rng: Generator) 
 
 
 def generate(alpha: float, config: Config, seed: int) -> TrainingData:
-    """The training data D_tr of one α: sampled, and labelled on the nominal system.
-
-    𝕏 and with it the MND depend on the seed only, not on α.
-
-    Raises:
-        ParameterError: α outside [0, 1].
-    """
+    """The training data D_tr of one α, labelled on the nominal system; 𝕏 and the MND do not depend on α."""
     n_ud, n_mnd = split(alpha, config.paper.k)
     policy_rng, state_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     mnd = MultivariateNormal.fit(visited_states(config, policy_rng))

@@ -96,12 +96,6 @@ def test_an_alpha_outside_its_range_is_refused(alpha: float) -> None:
         generate(alpha, Config(), 0)
 
 
-@pytest.mark.parametrize("k", [1, 0, -5, 2.5, 10.0, True, nan, "10"])
-def test_a_k_that_is_no_number_of_states_is_refused(k: int) -> None:
-    with pytest.raises(ValueError, match="k = "):
-        split(0.5, k)
-
-
 @pytest.mark.parametrize("mode", ["keep", "redraw"])
 def test_outside_states_are_kept_or_redrawn(mode: str, rng: np.random.Generator) -> None:
     mnd = MultivariateNormal(np.zeros(6), np.diag(HIGH**2))

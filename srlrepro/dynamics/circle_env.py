@@ -1,7 +1,6 @@
 """The task as a gymnasium environment: the end-effector follows a circle (Sec. IV-A, App. C).
 
-Registered as ``srlrepro/ThreeLinkCircle-v0``. The same environment serves every condition; the
-supervisor is a wrapper around it.
+Registered as ``srlrepro/ThreeLinkCircle-v0``. It serves every condition; the supervisor wraps it.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,27 +10,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from srlrepro.dynamics.closed_loop import (
-    HIT_GROUND,
-    NOT_RECOVERED,
-    ClosedLoop,
-    Limits,
-    RecoveryRule,
-    hold_torque,
-)
-from srlrepro.dynamics.pendulum import (
-    Coefficients,
-    Floats,
-    State,
-    ThreeLinkPendulum,
-    Torque,
-    as_state,
-    jit,
-    tip,
-)
+from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, ClosedLoop, Limits, hold_torque
+from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, as_state, jit, tip
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
-from srlrepro.settings.paper import Paper
 
 if TYPE_CHECKING:
     from srlrepro.dynamics.rendering import PendulumView
@@ -48,54 +30,39 @@ def perfect_return(config: Config) -> float:
 
 @jit
 def target(circle: Circle, t: float) -> tuple[float, float]:
-    """p_d(t): the point (m) on the circle (height of its centre, radius, speed) at the time t (s).
-
-    The target starts at the top, where the end-effector of the zero configuration is, and turns
-    clockwise.
-    """
+    """p_d(t): the point (m) on the circle at the time t (s), clockwise from the top, where p_e starts."""
     height, radius, speed = circle
     return radius * np.sin(speed * t), height + radius * np.cos(speed * t)
 
 
 class Task(NamedTuple):
-    """The task as compiled code takes it.
-
-    Attributes:
-        coefficients, lengths: of the pendulum; limits: of the integration and of a trial.
-        circle: height of its centre (m), radius (m), speed (rad/s).
-        reward: (R_c, penalty per metre); torque_limit: N·m; action_unit: N·m of an action of 1.
-        scale: [6] units of the observed state; control_period: s; periods: of a trial.
-    """
+    """The task as compiled code takes it."""
 
     coefficients: Coefficients
-    lengths: Torque
-    limits: Limits
+    lengths: tuple[float, float, float]  # m
+    limits: Limits  # of the integration and of a trial
     circle: Circle
-    reward: tuple[float, float]
-    torque_limit: float
-    action_unit: float
-    scale: Floats
-    control_period: float
-    periods: int
+    reward: tuple[float, float]  # R_c, penalty per metre
+    torque_limit: float  # N·m
+    action_unit: float  # N·m of an action of 1
+    scale: Floats  # [6] units of the observed state
+    control_period: float  # s
+    periods: int  # of a trial
 
 
 @jit
 def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
-    """One control period of a trial, number ``period`` from 0.
-
-    action: 3-tuple, in units of ``action_unit``; the torque is limited here.
+    """One control period of a trial, number ``period`` from 0; the torque is limited here.
 
     Returns:
         The state; the reward R of the state and the target at the end of the period; 0, or the key of `ENDS`
         that says why the trial ends.
     """
     unit, limit = task.action_unit, task.torque_limit
-    u = (
-        min(max(unit * action[0], -limit), limit),
-        min(max(unit * action[1], -limit), limit),
-        min(max(unit * action[2], -limit), limit),
-    )
-    state, ended = hold_torque(task.coefficients, task.limits, state, u)
+    u1 = min(max(unit * action[0], -limit), limit)
+    u2 = min(max(unit * action[1], -limit), limit)
+    u3 = min(max(unit * action[2], -limit), limit)
+    state, ended = hold_torque(task.coefficients, task.limits, state, (u1, u2, u3))
     px, py = tip(task.lengths, state)
     dx, dy = target(task.circle, (period + 1) * task.control_period)
     reward = task.reward[0] - task.reward[1] * np.hypot(px - dx, py - dy)  # App. C: R = R_c − 10 ‖p_e − p_d‖
@@ -145,15 +112,10 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         length = config.choices.trial_length if trial_length is None else trial_length
         config = config.with_values(trial_length=length)
         modes = self.metadata["render_modes"]
-        check(
-            render_mode is None or render_mode in modes, "render_mode", render_mode, f"None or one of {modes}"
-        )
-        paper: Paper = config.paper
-        self.config = config
-        self.render_mode = render_mode
+        check(render_mode in (None, *modes), "render_mode", render_mode, f"None or one of {modes}")
+        self.config, self.render_mode, paper = config, render_mode, config.paper
         loop = ClosedLoop.from_config(config, delta)
-        self.pendulum: ThreeLinkPendulum = loop.system
-        self.rule: RecoveryRule = loop.rule
+        self.pendulum, self.rule = loop.system, loop.rule
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.rule.control_period)}
         largest = paper.torque_limit / config.choices.action_unit
         self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
@@ -222,9 +184,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
             return None
         if self._view is None:
-            from srlrepro.dynamics.rendering import (
-                PendulumView,  # brings matplotlib, which training does not need
-            )
+            from srlrepro.dynamics.rendering import PendulumView  # with matplotlib, which training can spare
 
             self._view = PendulumView(self.config.paper, window=self.render_mode == "human")
         title = f"t = {time:.2f} s{words}"

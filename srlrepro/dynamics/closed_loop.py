@@ -31,6 +31,7 @@ from srlrepro.settings.paper import Paper
 
 Labels = NDArray[np.int64]
 Limits = tuple[float, int, float, float, float, float]
+Loop = tuple[Coefficients, Gains, Limits, int]  # and the control periods that K has to recover
 RECOVERED, HIT_GROUND, NOT_RECOVERED = 1, 2, 3
 OUTCOMES = {RECOVERED: "recovered", HIT_GROUND: "hit the ground", NOT_RECOVERED: "not recovered in time"}
 
@@ -78,8 +79,7 @@ def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Tor
     """One control period with the torque u (3-tuple) held.
 
     Returns:
-        (state, 0 or the outcome that ends the rollout). The state is finite: a step beyond the rate bound (or
-        to NaN) is not taken.
+        (state, 0 or the outcome that ends the rollout). No step beyond the rate bound (or to NaN) is taken.
     """
     dt, substeps, ground, _, _, bound = limits
     for _ in range(substeps):
@@ -137,33 +137,18 @@ def recover(
 
 
 @jit
-def _recover_batch(
-    coefficients: Coefficients,
-    gains: Gains,
-    limits: Limits,
-    periods: int,
-    x: Floats,
-    paths: Floats,
-    outcomes: Labels,
-    durations: Floats,
-) -> None:
+def _recover_batch(loop: Loop, x: Floats, paths: Floats, outcomes: Labels, durations: Floats) -> None:
     for i in range(x.shape[0]):
-        outcomes[i], durations[i] = recover(coefficients, gains, limits, periods, x[i], paths[i])
+        outcomes[i], durations[i] = recover(*loop, x[i], paths[i])
 
 
 @dataclass(frozen=True, eq=False)
 class Rollouts:
-    """Closed-loop rollouts from B states.
+    """Closed-loop rollouts from B states."""
 
-    Attributes:
-        outcomes: [B] one of the keys of `OUTCOMES`.
-        durations: [B] s, time until the outcome.
-        paths: [B, T + 1, 6] rad and rad/s at the control instants; [B, 0, 6] if not asked for.
-    """
-
-    outcomes: Labels
-    durations: Floats
-    paths: Floats
+    outcomes: Labels  # [B] keys of `OUTCOMES`
+    durations: Floats  # [B] s until the outcome
+    paths: Floats  # [B, T + 1, 6] rad and rad/s at the control instants; [B, 0, 6] if not asked for
 
     @property
     def labels(self) -> Labels:
@@ -173,17 +158,11 @@ class Rollouts:
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """A system (nominal or real) under the corrective controller K.
-
-    Attributes:
-        system: the pendulum that is controlled.
-        controller: K, always derived from the nominal system.
-        rule: when a rollout ends.
-    """
+    """A system (nominal or real) under the corrective controller K."""
 
     system: ThreeLinkPendulum = ThreeLinkPendulum()
-    controller: LQG = LQG()
-    rule: RecoveryRule = RecoveryRule()
+    controller: LQG = LQG()  # K, always derived from the nominal system
+    rule: RecoveryRule = RecoveryRule()  # when a rollout ends
 
     @classmethod
     def from_config(cls, config: Config, delta: float = 1.0) -> "ClosedLoop":
@@ -194,27 +173,18 @@ class ClosedLoop:
         return cls(replace(nominal, delta=delta), controller, rule)
 
     @cached_property
-    def kernel_arguments(self) -> tuple[Coefficients, Gains, Limits, int]:
+    def kernel_arguments(self) -> Loop:
         """(coefficients, gains, limits, periods) as `recover` takes them."""
         return self.system.coefficients, self.controller.arrays, self.rule.limits, self.rule.periods
 
     def rollout(self, x: ArrayLike, record: bool = True) -> Rollouts:
-        """Run K from the states x [B, 6]; ``record``: keep the paths.
-
-        Raises:
-            ParameterError: x is not [B, 6] or not finite.
-        """
+        """Run K from the states x [B, 6]; ``record``: keep the paths."""
         states = as_states(x)
         batch, rows = len(states), (self.rule.periods + 1) if record else 0
-        paths, outcomes = np.empty((batch, rows, 6)), np.empty(batch, np.int64)
-        durations = np.empty(batch)
-        _recover_batch(*self.kernel_arguments, states, paths, outcomes, durations)
+        paths, outcomes, durations = np.empty((batch, rows, 6)), np.empty(batch, np.int64), np.empty(batch)
+        _recover_batch(self.kernel_arguments, states, paths, outcomes, durations)
         return Rollouts(outcomes, durations * self.rule.control_period, paths)
 
     def predict(self, x: ArrayLike) -> Labels:
-        """The labelling function of eq. (2); as a hypothesis behind the supervisor, the ideal one of eq. (3).
-
-        Returns:
-            [B], 1 = safe: l_n(x) if the system is nominal, else l(x).
-        """
+        """Labels [B] of eq. (2), 1 = safe: l_n(x) if the system is nominal, else l(x), the h of eq. (3)."""
         return self.rollout(x, record=False).labels

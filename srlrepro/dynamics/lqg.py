@@ -144,13 +144,9 @@ class LQG:
         """
         (a, b), (a_real, b_real) = self.model, self.sampled(system)
         from_x, from_xbar = self.filter_gain, np.eye(6) - self.filter_gain
+        to_x = [a_real - b_real @ self.gain @ from_x, -b_real @ self.gain @ from_xbar]
         regulated = a - b @ self.gain
-        return np.block(
-            [
-                [a_real - b_real @ self.gain @ from_x, -b_real @ self.gain @ from_xbar],
-                [regulated @ from_x, regulated @ from_xbar],
-            ]
-        )
+        return np.block([to_x, [regulated @ from_x, regulated @ from_xbar]])
 
     def spectral_radius(self, system: ThreeLinkPendulum) -> float:
         """Largest |eigenvalue| of `closed_loop`; below 1, upright is locally asymptotically stable."""

@@ -45,7 +45,6 @@ Floats = NDArray[np.float64]
 State = tuple[float, float, float, float, float, float]
 Torque = tuple[float, float, float]
 Coefficients = tuple[float, float, float, float, float, float, float, float, float]
-STATE_NAMES = ("θ1", "θ2", "θ3", "θ̇1", "θ̇2", "θ̇3")
 
 # numba does not notice when a compiled function calls one that has changed in another file, so compiled
 # code is kept apart by the sources of everything that is compiled.
@@ -53,9 +52,8 @@ _package = Path(__file__).resolve().parents[1]
 _texts = (path.read_bytes() for path in sorted(_package.rglob("*.py")))
 _sources = b"".join(text for text in _texts if b"@jit" in text)
 _kept = Path(os.environ.get("NUMBA_CACHE_DIR") or _package / "__pycache__")
-numba.config.CACHE_DIR = str(  # type: ignore[attr-defined]
-    _kept / f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
-)
+_name = f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
+numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -100,14 +98,8 @@ def derivative(c: Coefficients, x: State, u: Torque) -> State:
 @jit
 def _move(x: State, h: float, dx: State) -> State:
     """x + h dx, on 6-tuples."""
-    return (
-        x[0] + h * dx[0],
-        x[1] + h * dx[1],
-        x[2] + h * dx[2],
-        x[3] + h * dx[3],
-        x[4] + h * dx[4],
-        x[5] + h * dx[5],
-    )
+    angle1, angle2, angle3 = x[0] + h * dx[0], x[1] + h * dx[1], x[2] + h * dx[2]
+    return angle1, angle2, angle3, x[3] + h * dx[3], x[4] + h * dx[4], x[5] + h * dx[5]
 
 
 @jit
@@ -144,23 +136,6 @@ def tip(lengths: Torque, x: State) -> tuple[float, float]:
     )
 
 
-@jit
-def _acceleration_batch(c: Coefficients, x: Floats, u: Floats) -> Floats:
-    out = np.empty((x.shape[0], 3))
-    for i in range(x.shape[0]):
-        dx = derivative(c, as_state(x[i]), as_torque(u[i]))
-        out[i, 0], out[i, 1], out[i, 2] = dx[3], dx[4], dx[5]
-    return out
-
-
-@jit
-def _step_batch(c: Coefficients, x: Floats, u: Floats, dt: float) -> Floats:
-    out = np.empty_like(x)
-    for i in range(x.shape[0]):
-        out[i] = np.array(rk4_step(c, as_state(x[i]), as_torque(u[i]), dt))
-    return out
-
-
 def as_states(x: ArrayLike, name: str = "x") -> Floats:
     """States as a float64 array [B, 6]; a single state [6] becomes [1, 6].
 
@@ -177,20 +152,14 @@ def as_states(x: ArrayLike, name: str = "x") -> Floats:
 class ThreeLinkPendulum:
     """The pendulum of Sec. IV-A; ``delta`` = 1 is the nominal system (eq. 7), else a real one (eq. 1).
 
-    Attributes:
-        delta: mass mismatch Δ > 0: m1 = m2 = Δ·1 kg, m3 = 1 kg.
-        link_mass: nominal mass of each link, kg.
-        link_length: length of each link, m.
-        gravity: m/s².
-
     Raises:
-        ParameterError: one of them is not a positive finite number.
+        ParameterError: a value is not a positive finite number.
     """
 
-    delta: float = 1.0
-    link_mass: float = Paper.link_mass
-    link_length: float = Paper.link_length
-    gravity: float = Choices.gravity
+    delta: float = 1.0  # mass mismatch Δ
+    link_mass: float = Paper.link_mass  # nominal mass of each link, kg
+    link_length: float = Paper.link_length  # of each link, m
+    gravity: float = Choices.gravity  # m/s²
 
     def __post_init__(self) -> None:
         check_delta(self.delta)
@@ -198,7 +167,7 @@ class ThreeLinkPendulum:
 
     @property
     def masses(self) -> tuple[float, float, float]:
-        """(m1, m2, m3) in kg (Sec. IV-A)."""
+        """(m1, m2, m3) in kg: the first two are those of the nominal system times Δ (Sec. IV-A)."""
         m = self.link_mass
         return (self.delta * m, self.delta * m, m)
 
@@ -216,37 +185,11 @@ class ThreeLinkPendulum:
         gb = self.gravity * (m @ a)
         return cast(Coefficients, tuple(float(v) for v in (*c[np.triu_indices(3)], *gb)))
 
-    def acceleration(self, x: ArrayLike, u: ArrayLike) -> Floats:
-        """θ̈ [B, 3] rad/s² at the states x [B, 6] under the torques u [B, 3] N·m (not limited here)."""
-        states = as_states(x)
-        return _acceleration_batch(self.coefficients, states, _torques(u, len(states)))
-
-    def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Floats:
-        """States [B, 6] after one Runge-Kutta step of ``dt`` s with the torques u [B, 3] N·m held."""
-        check(math.isfinite(dt) and dt > 0, "dt", dt, "a finite number of seconds > 0")
-        states = as_states(x)
-        return _step_batch(self.coefficients, states, _torques(u, len(states)), dt)
-
-    def energy(self, x: ArrayLike) -> Floats:
-        """Kinetic plus potential energy [B] in J; the potential is zero at the height of the base."""
-        states = as_states(x)
-        c11, c12, c13, c22, c23, c33, *gb = self.coefficients
-        c = np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])
-        phi = np.cumsum(states[:, :3], axis=1)
-        rate = np.cumsum(states[:, 3:], axis=1)
-        cosine = np.cos(phi[:, :, None] - phi[:, None, :])
-        kinetic = 0.5 * np.einsum("bj,jk,bjk,bk->b", rate, c, cosine, rate)
-        energy: Floats = kinetic + np.cos(phi) @ np.array(gb)
-        return energy
-
     def linearize(self) -> tuple[Floats, Floats]:
-        """The linearisation at upright, in closed form.
+        """A [6, 6] and B [6, 3] of ẋ ≈ A x + B u at upright, in closed form.
 
         At φ = 0 the mass matrix is the constant c and the velocity terms vanish to first order, so
         c φ̈ = g diag(b) φ + Dᵀ u, with θ = D φ and φ = D⁻¹ θ.
-
-        Returns:
-            A [6, 6] and B [6, 3] of ẋ ≈ A x + B u.
         """
         c11, c12, c13, c22, c23, c33, *gb = self.coefficients
         c = np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])
@@ -257,20 +200,9 @@ class ThreeLinkPendulum:
         b[3:] = d @ np.linalg.solve(c, d.T)
         return a, b
 
-    def end_effector(self, x: ArrayLike) -> Floats:
-        """End-effector positions p_e [B, 2] in m."""
-        return self.joints(x)[:, -1]
-
     def joints(self, x: ArrayLike) -> Floats:
         """Positions [B, 4, 2] in m of the base, the two inner joints and the end-effector."""
         phi = np.cumsum(as_states(x)[:, :3], axis=1)
         links = np.array(self.lengths)[:, None] * np.stack([np.sin(phi), np.cos(phi)], axis=-1)
         base = np.zeros((len(phi), 1, 2))
         return np.concatenate([base, np.cumsum(links, axis=1)], axis=1)
-
-
-def _torques(u: ArrayLike, batch: int) -> Floats:
-    array = np.atleast_2d(np.asarray(u, dtype=np.float64))
-    check(array.shape == (batch, 3), "u", f"shape {np.shape(u)}", f"torques of shape [{batch}, 3]")
-    check(bool(np.isfinite(array).all()), "u", "NaN or infinity", "finite numbers (N·m)")
-    return np.ascontiguousarray(array)

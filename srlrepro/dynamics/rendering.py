@@ -34,11 +34,7 @@ def draw_pendulum(ax: Axes, joints: Floats, paper: Paper, color: str = LINK, cir
 
 
 def open_window() -> Figure:
-    """An empty figure in a window.
-
-    Raises:
-        DependencyNotInstalled: matplotlib finds no GUI toolkit, or no display.
-    """
+    """An empty figure in a window; `DependencyNotInstalled` if there is no GUI toolkit, or no display."""
     import matplotlib.pyplot as plt  # looks for a toolkit, which pictures do not need
 
     try:

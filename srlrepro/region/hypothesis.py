@@ -15,14 +15,13 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Limits, recover
+from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Loop, recover
 from srlrepro.dynamics.lqg import Gains
-from srlrepro.dynamics.pendulum import Coefficients, Floats, jit
+from srlrepro.dynamics.pendulum import Floats, jit
 from srlrepro.region.mapping import map_state
 from srlrepro.region.safety_map import RegionArrays, look_up, query
 
 MAP, LINEAR, VOTE, NETWORK, KERNEL, LOOP = range(6)
-Loop = tuple[Coefficients, Gains, Limits, int]
 NONE, TABLE = np.zeros(0), np.zeros((0, 0))
 NO_GAINS: Gains = (TABLE, TABLE, TABLE, TABLE, 0.0)
 NO_LOOP: Loop = ((0.0,) * 9, NO_GAINS, (0.0, 1, 0.0, 0.0, 0.0, 0.0), 0)
@@ -31,23 +30,18 @@ NO_LOOP: Loop = ((0.0,) * 9, NO_GAINS, (0.0, 1, 0.0, 0.0, 0.0, 0.0), 0)
 class Posterior(NamedTuple):
     """A hypothesis as compiled code takes it; what its kind does not need is empty.
 
-    Attributes:
-        kind: of the module's list.
-        region: of `MAP`; Γ's grid of `LINEAR`; the training states of `VOTE`, with y_train = (z, 0); the
-            scale [6] of all but `LOOP`.
-        rows: [H, 6] A, W, or the support vectors s_i; offsets: [H] b.
-        weights: [H] w; bias: c; width: γ.
-        loop: `ClosedLoop.kernel_arguments` of the system that `LOOP` simulates.
+    ``region`` holds Γ's grid for `LINEAR`, the training states for `VOTE`, with y_train = (z, 0), and the
+    scale [6] for all but `LOOP`.
     """
 
     kind: int = MAP
     region: RegionArrays = RegionArrays(NONE, TABLE, TABLE, 0, TABLE, NONE, 0.0)
-    rows: Floats = TABLE
-    offsets: Floats = NONE
-    weights: Floats = NONE
-    bias: float = 0.0
-    width: float = 0.0
-    loop: Loop = NO_LOOP
+    rows: Floats = TABLE  # [H, 6] A, W, or the support vectors s_i
+    offsets: Floats = NONE  # [H] b
+    weights: Floats = NONE  # [H] w
+    bias: float = 0.0  # c
+    width: float = 0.0  # γ
+    loop: Loop = NO_LOOP  # of the system that `LOOP` simulates
 
 
 @jit
@@ -59,8 +53,7 @@ def safe_probability(posterior: Posterior, x: Floats) -> float:
     if kind == VOTE:
         return map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)[0]
     if kind == LOOP:
-        coefficients, gains, limits, periods = posterior.loop
-        outcome, _ = recover(coefficients, gains, limits, periods, x, np.empty((0, 6)))
+        outcome, _ = recover(*posterior.loop, x, np.empty((0, 6)))
         return 1.0 if outcome == RECOVERED else 0.0  # eq. (2)
     s = x / region.scale
     if kind == LINEAR:
@@ -87,7 +80,6 @@ class Hypothesis(Protocol):
 
     def predict(self, x: ArrayLike) -> Labels:
         """Labels [B] of the states x [B, 6]: 1 = safe."""
-        ...
 
 
 @runtime_checkable
@@ -97,17 +89,13 @@ class CompiledHypothesis(Hypothesis, Protocol):
     @property
     def p_t(self) -> float:
         """Threshold of eq. (5)."""
-        ...
 
     @property
     def posterior(self) -> Posterior:
         """This hypothesis for `safe_probability`."""
-        ...
 
     def safety(self, x: ArrayLike) -> Floats:
         """P(l(x) = 1) [B] of the states x [B, 6]."""
-        ...
 
     def digest(self) -> str:
         """SHA-256 of what h depends on, to tell hypotheses apart."""
-        ...

@@ -20,11 +20,10 @@ def _rank(numbers: Floats, count: int, j: int) -> int:
 def map_state(
     scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, skip: int, x: Floats
 ) -> tuple[float, float]:
-    """Ψ of one state x [6]: (y_1, y_2).
+    """Ψ of one state x [6]: (y_1, y_2); ``skip``: index of a training state to leave out, or -1.
 
     scale [6]: half ranges; x_train [6, k]: scaled training states, one row per coordinate, so that the
-    distances are computed several at a time; y_train [k, 2]; ``skip``: index of a training state to
-    leave out, or -1.
+    distances are computed several at a time; y_train [k, 2].
     """
     k, squared = x_train.shape[1], np.empty(x_train.shape[1])
     v = scale.copy()

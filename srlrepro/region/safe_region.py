@@ -10,7 +10,7 @@ e_i = y_i, where t-SNE, which knows the label, has put it.)
 """
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,17 +37,9 @@ from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, writ
 FORMAT = "srlrepro-safe-region-3"
 
 
+@dataclass(eq=False, repr=False)
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Ψ, Γ and h of one training dataset, by scikit-learn's conventions.
-
-    Args:
-        p_t: threshold of eq. (5).
-        label_gap, perplexity: δ of Ω, and of t-SNE.
-        psi_neighbours: of Ψ.
-        gamma_evidence: "held out" or "embedded"; gamma_bandwidth: b in RMS radii of the y_i; gamma_prior: c;
-            gamma_empty: Γ_0; gamma_cells: G.
-        state_max: [6] half ranges that scale the states.
-        random_state: seed of t-SNE.
 
     Attributes:
         embedding_: [k, 2] simplified states y_i.
@@ -57,31 +49,17 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         made_of_: α, seed and values behind the region; None for one fitted by hand.
     """
 
-    def __init__(
-        self,
-        p_t: float = Paper.p_t,
-        label_gap: float = Choices.label_gap,
-        perplexity: float = Choices.perplexity,
-        psi_neighbours: int = Choices.psi_neighbours,
-        gamma_evidence: str = Choices.gamma_evidence,
-        gamma_bandwidth: float = Choices.gamma_bandwidth,
-        gamma_prior: float = Choices.gamma_prior,
-        gamma_empty: float = Choices.gamma_empty,
-        gamma_cells: int = Choices.gamma_cells,
-        state_max: tuple[float, ...] = Paper().state_max,
-        random_state: int = 0,
-    ) -> None:
-        self.p_t = p_t
-        self.label_gap = label_gap
-        self.perplexity = perplexity
-        self.psi_neighbours = psi_neighbours
-        self.gamma_evidence = gamma_evidence
-        self.gamma_bandwidth = gamma_bandwidth
-        self.gamma_prior = gamma_prior
-        self.gamma_empty = gamma_empty
-        self.gamma_cells = gamma_cells
-        self.state_max = state_max
-        self.random_state = random_state
+    p_t: float = Paper.p_t  # threshold of eq. (5)
+    label_gap: float = Choices.label_gap  # δ of Ω
+    perplexity: float = Choices.perplexity  # of t-SNE
+    psi_neighbours: int = Choices.psi_neighbours  # of Ψ
+    gamma_evidence: str = Choices.gamma_evidence  # "held out" or "embedded"
+    gamma_bandwidth: float = Choices.gamma_bandwidth  # b in RMS radii of the y_i
+    gamma_prior: float = Choices.gamma_prior  # c
+    gamma_empty: float = Choices.gamma_empty  # Γ_0
+    gamma_cells: int = Choices.gamma_cells  # G
+    state_max: tuple[float, ...] = Paper().state_max  # [6] half ranges that scale the states
+    random_state: int = 0  # seed of t-SNE
 
     @classmethod
     def from_config(cls, config: Config, seed: int = 0) -> "SafeRegion":
@@ -95,12 +73,6 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             x: [k, 6] training states, rad and rad/s.
             z: [k] their labels l_n(x), 0 or 1.
             trajectories: [k, T, 6] closed-loop trajectories of the nominal system from x.
-
-        Returns:
-            The region itself.
-
-        Raises:
-            ParameterError: shapes or values that are not allowed.
         """
         self._check_parameters(len(as_states(x)))
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
@@ -132,9 +104,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         """See that the parameters are allowed, and that there are k ≥ 2 training states."""
         check_parameters(self.get_params())
         high, seed = self.state_max, self.random_state
-        six = (
-            isinstance(high, tuple) and len(high) == 6 and all(is_number(v) and 0 < v < np.inf for v in high)
-        )
+        six = isinstance(high, tuple) and len(high) == 6
+        six = six and all(is_number(v) and 0 < v < np.inf for v in high)
         check(six, "state_max", high, "a tuple of six numbers in (0, inf)")
         check_whole("random_state", int(seed) if is_number(seed, whole=True) else seed, 0, MOST_SEED)
         check(k >= 2, "k", k, "a whole number in [2, inf)")
@@ -188,11 +159,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
 
     @classmethod
     def load(cls, path: Path) -> "SafeRegion":
-        """Read a region that `save` wrote.
-
-        Raises:
-            ResultError: the file is missing, truncated, not a region, or holds values that are not allowed.
-        """
+        """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or values not allowed."""
         params, fields = tuple(cls().get_params()), RegionArrays._fields
         names = (*(f"param_{n}" for n in params), *(f"array_{n}" for n in fields))
         stored = read_arrays(path, FORMAT, (*names, "evidence", "labels", "made_of"))
@@ -203,26 +170,17 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         a = {n: stored[f"array_{n}"] for n in fields}
         labels, evidence = stored["labels"], stored["evidence"]
         k, cells = labels.size, region.gamma_cells
-        shapes = {
-            "scale": (6,),
-            "x_train": (6, k),
-            "y_train": (k, 2),
-            "gamma": (cells, cells),
-            "origin": (2,),
-        }
-        shapes |= {"neighbours": (), "cell": (), "empty": ()}
+        parts = (*a.values(), evidence, labels)
+        shapes = [(6,), (6, k), (k, 2), (), (cells, cells), (2,), (), (), (k, 2), (k,)]
         try:
             region._check_parameters(k)
-            fits = all(a[n].shape == shape for n, shape in shapes.items()) and evidence.shape == (k, 2)
-            fits = fits and all(np.isfinite(v).all() for v in (*a.values(), evidence))
-            fits = fits and labels.shape == (k,) and bool(np.isin(labels, (0, 1)).all())
-            fits = fits and (a["scale"] > 0).all() and a["cell"] > 0 and 1 <= a["neighbours"] < k
-            fits = fits and 0 <= a["empty"] < 1
-            fits = fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1
+            fits = [part.shape for part in parts] == shapes and all(np.isfinite(part).all() for part in parts)
+            fits = fits and bool(np.isin(labels, (0, 1)).all()) and (a["scale"] > 0).all() and a["cell"] > 0
+            fits = fits and 1 <= a["neighbours"] < k and 0 <= a["empty"] < 1
+            if not (fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1):
+                raise ValueError("shapes or values")
         except (ValueError, TypeError) as error:
             raise ResultError(f"{path} holds a region whose parts do not fit together") from error
-        if not fits:
-            raise ResultError(f"{path} holds a region whose parts do not fit together")
         a["neighbours"], a["cell"], a["empty"] = int(a["neighbours"]), float(a["cell"]), float(a["empty"])
         region.arrays_ = RegionArrays(**a)
         region.classes_, region.embedding_ = np.array([0, 1]), a["y_train"]
@@ -235,15 +193,10 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
 def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegion:
     """The safe region of training data: their closed-loop trajectories on the nominal system, Ω, t-SNE, Ψ, Γ.
 
-    With ``known_origin`` the origin joins the training states as one more safe state; it comes last.
-
     Args:
-        data: D_tr.
+        data: D_tr; what they say that they were made of, the region says too.
         config: with the values that the data were made with.
         seed: of t-SNE.
-
-    Returns:
-        The fitted region, which says what it was made of if the data do.
 
     Raises:
         ParameterError: the data were made with other values than those of the configuration.
@@ -251,11 +204,11 @@ def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegio
     if data.made_of is not None:
         require_made_of(data.made_of, config, "data", where="the set of training data")
     choices = config.choices
-    loop = ClosedLoop.from_config(config)
     x, z = known_states(data, config)
+    paths = ClosedLoop.from_config(config).rollout(x).paths
     stride = max(1, round(choices.omega_step / choices.control_period))
     instants = round(choices.omega_horizon / choices.control_period) + 1
-    region = SafeRegion.from_config(config, seed).fit(x, z, loop.rollout(x).paths[:, :instants:stride])
+    region = SafeRegion.from_config(config, seed).fit(x, z, paths[:, :instants:stride])
     if data.made_of is not None:
         region.made_of_ = replace(data.made_of, values=config.until("region"))
     return region

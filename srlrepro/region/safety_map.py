@@ -22,22 +22,16 @@ MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a k
 
 
 class RegionArrays(NamedTuple):
-    """A fitted region as compiled code takes it.
+    """A fitted region as compiled code takes it."""
 
-    Attributes:
-        scale: [6]; x_train: [6, k] scaled; y_train: [k, 2]; neighbours: of Ψ.
-        gamma: [G, G], cell (i, j) covers y = origin + cell·([i, i + 1), [j, j + 1)).
-        origin: [2]; cell: side of a cell; empty: Γ_0, and so Γ outside the grid.
-    """
-
-    scale: Floats
-    x_train: Floats
-    y_train: Floats
-    neighbours: int
-    gamma: Floats
-    origin: Floats
-    cell: float
-    empty: float = 0.0
+    scale: Floats  # [6] half ranges
+    x_train: Floats  # [6, k] scaled
+    y_train: Floats  # [k, 2]
+    neighbours: int  # of Ψ
+    gamma: Floats  # [G, G], cell (i, j) covers y = origin + cell·([i, i + 1), [j, j + 1))
+    origin: Floats  # [2]
+    cell: float  # its side
+    empty: float = 0.0  # Γ_0, and so Γ outside the grid
 
 
 @jit
@@ -74,13 +68,7 @@ def kernel_estimate(
 
 
 def discretise(
-    places: Floats,
-    evidence: Floats,
-    z: Labels,
-    bandwidth: float,
-    prior: float,
-    cells: int,
-    empty: float = 0.0,
+    places: Floats, evidence: Floats, z: Labels, bandwidth: float, prior: float, cells: int, empty: float
 ) -> tuple[Floats, Floats, float, float]:
     """Γ on a grid around the places y_i [k, 2].
 

@@ -22,15 +22,14 @@ from srlrepro.settings.fields import check
 
 
 def trajectory_distances(paths: ArrayLike, state_max: ArrayLike) -> Floats:
-    """ω [k, k]: RMS distance over the T instants of the scaled paths [k, T, 6], each entry within ±1.
+    """ω [k, k]: RMS distance over the T instants of the scaled paths [k, T, 6], each entry limited to ±1.
 
-    Scaled states are limited to ±1: where K has lost control the velocities run far out of the state
-    space of App. C, and how far they run says nothing about the state that they started from.
+    Where K has lost control the velocities run far out of the state space of App. C, and how far they run
+    says nothing about the state that they started from.
     """
     array = np.asarray(paths, dtype=np.float64)
-    check(
-        array.ndim == 3 and array.shape[2] == 6, "trajectories", f"shape {array.shape}", "of shape [k, T, 6]"
-    )
+    fits = array.ndim == 3 and array.shape[2] == 6
+    check(fits, "trajectories", f"shape {array.shape}", "of shape [k, T, 6]")
     check(bool(np.isfinite(array).all()), "trajectories", "NaN or infinity", "finite numbers (rad, rad/s)")
     scaled = np.clip(array / np.asarray(state_max), -1.0, 1.0)
     flat = scaled.reshape(len(scaled), -1) / np.sqrt(scaled.shape[1])
@@ -38,11 +37,7 @@ def trajectory_distances(paths: ArrayLike, state_max: ArrayLike) -> Floats:
 
 
 def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_gap: float) -> Floats:
-    """Ω [k, k] of the paths [k, T, 6] and labels z [k]; symmetric, with a zero diagonal.
-
-    Raises:
-        ParameterError: shapes that do not fit, NaN, or a δ that is not allowed.
-    """
+    """Ω [k, k] of the paths [k, T, 6] and labels z [k]; symmetric, with a zero diagonal."""
     check_parameters({"label_gap": label_gap})
     omega, labels = trajectory_distances(paths, state_max), np.asarray(z)
     check(labels.shape == (len(omega),), "z", f"shape {labels.shape}", f"labels of shape [{len(omega)}]")
@@ -56,9 +51,8 @@ def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_ga
 def embed(omega: ArrayLike, perplexity: float, seed: int) -> Floats:
     """Simplified states y [k, 2] from the dissimilarity Ω [k, k] by t-SNE (openTSNE's defaults).
 
-    One thread: openTSNE is then deterministic. The spectral start is the one that means something for
-    a precomputed dissimilarity. A perplexity that the k points cannot support is lowered to
-    (k − 1) / 3, openTSNE's own limit.
+    One thread: openTSNE is then deterministic. The spectral start is the one that means something for a
+    given dissimilarity. A perplexity is lowered to (k − 1) / 3, openTSNE's own limit.
     """
     from openTSNE import TSNE  # here, since it is slow to import and a training run needs Ψ only
 

@@ -24,7 +24,7 @@ from srlrepro.dynamics.closed_loop import (
     recover,
 )
 from srlrepro.dynamics.lqg import LQG
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
+from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, derivative
 from srlrepro.settings.config import Config
 
 DELTAS = (1.0, 1.1, 1.5, 4.0)
@@ -80,7 +80,7 @@ def plain_rollout(closed: ClosedLoop, x: Floats) -> tuple[int, list[Floats]]:
         xbar = a @ xhat + b @ u
 
         def motion(_: float, s: Floats, u: Floats = u) -> Floats:
-            return np.concatenate([s[3:], system.acceleration(s, u)[0]])
+            return np.array(derivative(system.coefficients, tuple(s), tuple(u)))
 
         span = (0.0, rule.control_period)
         solution = solve_ivp(motion, span, x, method="DOP853", rtol=1e-9, atol=1e-9, events=ground)
@@ -211,7 +211,7 @@ def test_bad_states_are_refused(bad: Floats) -> None:
 
 def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
     closed = loop(recovery_horizon=0.3)
-    coefficients, gains, limits, periods = closed.kernel_arguments
+    coefficients, _, limits, periods = closed.kernel_arguments
     on_the_ground, falling, fast = [pi / 2, 0, 0, 0, 0, 0], [1.56, 0, 0, 5, 0, 0], [0, 0, 0, 0, 0, 1e4]
     near = [0.12, 0, 0, 0, 0, 0]
     states = np.concatenate([[[0] * 6, on_the_ground, falling, fast, near], 0.5 * draw(3)])
@@ -219,14 +219,14 @@ def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
         paths = [np.empty((len(states), rows, 6)) for _ in range(2)]
         outcomes, durations = np.empty((2, len(states)), np.int64), np.empty((2, len(states)))
         for i, run in enumerate((_recover_batch, _recover_batch.py_func)):
-            run(coefficients, gains, limits, periods, states, paths[i], outcomes[i], durations[i])
+            run(closed.kernel_arguments, states, paths[i], outcomes[i], durations[i])
         assert set(outcomes[0]) == set(OUTCOMES)
         np.testing.assert_array_equal(*outcomes)
         np.testing.assert_array_equal(*durations)
         np.testing.assert_allclose(*paths, rtol=1e-6, atol=1e-9)
         for x, path, outcome, duration in zip(states, paths[0], outcomes[0], durations[0], strict=True):
             copy = np.empty_like(path)
-            assert recover.py_func(coefficients, gains, limits, periods, x, copy) == (outcome, duration)
+            assert recover.py_func(*closed.kernel_arguments, x, copy) == (outcome, duration)
             np.testing.assert_allclose(copy, path, rtol=1e-6, atol=1e-9)
     for x in states:
         state, u = tuple(x), (1.0, -2.0, 3.0)
