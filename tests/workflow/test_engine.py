@@ -40,7 +40,10 @@ def test_jobs_run_here_or_on_slurm() -> None:
 
 @pytest.mark.slow
 def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None:
-    """36 runs, three notebooks for each of 3 datasets, nine others, and the target."""
+    """36 runs and their measures; data, region and three notebooks for each dataset; nine others; the target.
+
+    There are 3 datasets for each of 3 α; a notebook shows those of all α.
+    """
     path = tmp_path / "workflow.json"
     path.write_text(json.dumps(planned("--name", "nowhere", "--seeds", "3", "--steps", "64")))
     command = [
@@ -57,7 +60,10 @@ def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     counts = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
     assert done.returncode == 0, done.stderr
-    assert counts["training_run"] == "36" and counts["total"] == "55"
+    assert (
+        counts["training_run"] == counts["run_measures"] == "36" and counts["data"] == counts["region"] == "9"
+    )
+    assert counts["total"] == "109"
     assert not (ROOT / "results" / "nowhere").exists()
 
 
