@@ -28,9 +28,8 @@ def claims(arguments: argparse.Namespace) -> None:
     measures = read_measures(*arguments.measures)
     check(len(measures) > 0, "MEASURES", arguments.measures[0], "tables of measures, or folders of them")
     summary, contrasts = judge_claims(load_claims(), measures)
-    print(
-        contrasts.to_string(index=False), summary[["id", "n", "verdict"]].to_string(index=False), sep="\n\n"
-    )
+    tables = contrasts, summary[["id", "n", "verdict"]]
+    print("\n\n".join(table.to_string(index=False) for table in tables))
 
 
 def provenance(arguments: argparse.Namespace) -> None:
@@ -45,12 +44,11 @@ def beside(arguments: argparse.Namespace) -> None:
     from replication.documents import FIGURES
     from replication.plots.comparison import compare_measures, join_pictures
 
-    known = {folder.name for folder in FIGURES.iterdir() if folder.is_dir()}
-    names = arguments.first, arguments.second
-    for name in names:
+    known = {folder.name: folder for folder in FIGURES.iterdir() if folder.is_dir()}
+    for name in (arguments.first, arguments.second):
         check(name in known, "NAME", name, f"one of {', '.join(sorted(known))}")
-    check(names[0] != names[1], "NAME", names[1], "another than the first")
-    first, second = (FIGURES / name for name in names)
+    check(arguments.first != arguments.second, "NAME", arguments.second, "another than the first")
+    first, second = known[arguments.first], known[arguments.second]
     table = compare_measures(first, second)
     join_pictures(first, second, arguments.figure, arguments.out)
     print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
@@ -62,9 +60,9 @@ def documents(arguments: argparse.Namespace) -> None:
 
     if arguments.check:
         documents.check()
-        return
-    documents.keep_times()
-    documents.write()
+    else:
+        documents.keep_times()
+        documents.write()
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -26,15 +26,7 @@ def documents() -> list[str]:
 
 
 def render(document: str, figures: Path = FIGURES) -> str:
-    """The text of a document.
-
-    Args:
-        document: one of `documents`.
-        figures: the folder with the tables of the results.
-
-    Raises:
-        ResultError: a table of the results is missing.
-    """
+    """The text of one of the `documents`; `ResultError`: a table of the results (in figures) is missing."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
@@ -46,22 +38,14 @@ def render(document: str, figures: Path = FIGURES) -> str:
 
 
 def check() -> None:
-    """Refuse documents that differ from what the results and the configuration say.
-
-    Raises:
-        ResultError: one does, or a table of the results is missing.
-    """
+    """Raise `ResultError` if a document differs from what the results and the configuration say."""
     stale = [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
     if stale:
         raise ResultError(f"stale: {', '.join(stale)}; run python -m replication documents")
 
 
 def write() -> None:
-    """Render every document; if a table is missing, none is written.
-
-    Raises:
-        ResultError: a table of the results is missing.
-    """
+    """Render every document; none is written if a table is missing (`ResultError`)."""
     for document, text in {document: render(document) for document in documents()}.items():
         (ROOT / document).parent.mkdir(exist_ok=True)
         with beside(ROOT / document) as temporary:
@@ -69,11 +53,7 @@ def write() -> None:
 
 
 def refresh(name: str) -> Iterator[str]:
-    """Render the documents anew, if they tell of the results of this name; yields what was rendered.
-
-    Raises:
-        ResultError: a table of the results is missing.
-    """
+    """`write` the documents, if they tell of the results of this name; yields what was rendered."""
     if name in (THREE, *LONG):
         write()
         yield from documents()
@@ -81,9 +61,7 @@ def refresh(name: str) -> Iterator[str]:
 
 def keep_times() -> None:
     """Keep the times of the last complete tests and of the last --quick run here, if there were any."""
-    for measured, kept in (
-        (ROOT / "results" / "test_time.json", "test_time.json"),
-        (FIGURES / "quick" / "run_time.json", "quick_time.json"),
-    ):
+    tests, quick = ROOT / "results" / "test_time.json", FIGURES / "quick" / "run_time.json"
+    for measured, kept in ((tests, "test_time.json"), (quick, "quick_time.json")):
         if measured.exists():
             write_json(DOCS / kept, read_json(measured))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import RATES, load_claims
+from replication.evidence.claims import MEASURE_COLUMNS, RATES, load_claims
 from replication.evidence.measures import TEST_STATES
 from replication.evidence.verdicts import THREE, is_there, read_verdicts, resting, rows
 from replication.studies import multiverse
@@ -52,15 +52,10 @@ def text_of(value: object) -> str:
 
 @dataclass(frozen=True)
 class Facts:
-    """What is told of the results in a folder.
+    """What is told of the results in a folder."""
 
-    Attributes:
-        root: of the repository.
-        figures: the folder with the tables of results.
-    """
-
-    root: Path
-    figures: Path
+    root: Path  # of the repository
+    figures: Path  # the folder with the tables of results
 
     @property
     def constants(self) -> Row:
@@ -70,18 +65,18 @@ class Facts:
 
     def table(self, *place: str) -> list[Row]:
         """The rows of a table of results, or of docs/ by its name alone; None where a cell is empty."""
-        path = self.figures.joinpath(*place) if place[1:] else self.root / "docs" / place[0]
-        table = read_table(path, ())
+        folder = self.figures if place[1:] else self.root / "docs"
+        table = read_table(folder.joinpath(*place), ())
         return table.astype(object).where(table.notna(), None).to_dict("records")
 
     def time(self, name: str) -> Row:
         """Minutes, core hours and more of a complete run of this name, or a file of docs/; else empty."""
-        kept, own = self.root / "docs" / name, self.figures / name / "run_time.json"
-        found: Row = {}
-        if kept.suffix == ".json":
-            found = read_json(kept)
-        elif own.exists() and (name == THREE or is_there(self.figures, name)):
-            found = read_json(own)
+        own = self.figures / name / "run_time.json"
+        if name.endswith(".json"):
+            own = self.root / "docs" / name
+        elif not (own.exists() and (name == THREE or self.is_there(name))):
+            return {}
+        found: Row = read_json(own)
         return found
 
     def is_there(self, name: str) -> bool:
@@ -102,11 +97,10 @@ class Facts:
     def claims(self) -> dict[str, Row]:
         """{id: row of `verdicts.rows`} of the claims, with ``section``, and ``three``, the first verdict."""
         places = {measure: section for section, measures in SECTIONS.items() for measure in measures}
-        measures = {claim.id: claim.measure for claim in load_claims()}
+        sections = {claim.id: places.get(claim.measure, "safety") for claim in load_claims()}
         told = {row["id"]: row for row in rows(self.figures, self.judged)}
         for name, row in told.items():
-            row["section"] = places.get(measures[name], "safety")
-            row["three"] = row.get("verdict_of_three", row["verdict"])
+            row |= {"section": sections[name], "three": row.get("verdict_of_three", row["verdict"])}
             row["verdict"] = row["verdict"] if row["n"] else "not measured"
         return told
 
@@ -153,8 +147,7 @@ class Facts:
 
     def regions(self) -> list[Row]:
         """Per α: measures of the training data and the region that all runs use."""
-        names = ("measure", "alpha", "delta", "seed", "value")
-        measures = read_table(self.figures / THREE / "measures.csv", names)
+        measures = read_table(self.figures / THREE / "measures.csv", MEASURE_COLUMNS)
         own = measures[measures["delta"].isna() & (measures["seed"] == 0)]
         wide = own.pivot_table(index="alpha", columns="measure", values="value")
         return wide.reset_index().to_dict("records")
@@ -176,17 +169,13 @@ class Facts:
             time, less = (self.time(row[name]) if row[name] else {} for name in ("times", "beyond"))
             row |= {name: time[name] for name in ("steps", "minutes") if time}
             row |= {n: time[n] - less.get(n, 0) for n in ("trainings", "core_hours") if n in time}
-            row["most"] = (
-                row["minutes"] * row["cores"] / 60 if row["cores"] else None
-            )  # all cores, all the time
-            row["ran"] = bool(time) or not row["times"]
+            cores, row["ran"] = row["cores"], bool(time) or not row["times"]
+            row["most"] = row["minutes"] * cores / 60 if cores else None  # all cores, all the time
         return ledger
 
     def rounding(self) -> pd.Series:
         """By how much another order of sums moved the mean final return of each condition."""
-        table = read_table(
-            self.root / "docs" / "rounding.csv", ("measure", "alpha", "delta", "before", "after")
-        )
+        table = read_table(self.root / "docs/rounding.csv", ("measure", "before", "after"))
         returns = table[table["measure"] == "final_return"]
         return (returns["after"] - returns["before"]).abs()
 
@@ -197,9 +186,8 @@ class Facts:
         table = read_table(folder / "theorem_divergence.csv", names)
         single = table[table["seed"] != POOLED]
         smallest = single[(single["class"] == SMALLEST) & (single["visited_by"] == "supervised")]
-        terms = read_table(
-            folder / "theorem_terms.csv", ("class", "source_error", "half_divergence", "e1", "e2")
-        )
+        columns = ("class", "source_error", "half_divergence", "e1", "e2", "bound")
+        terms = read_table(folder / "theorem_terms.csv", columns)
         terms = terms[terms["class"] == SMALLEST].assign(third=terms[["e1", "e2"]].min(axis=1))
         parts = terms[["source_error", "half_divergence", "third"]].mean() / terms["bound"].mean()
         orders = read_table(folder / "theorem_orders.csv", ("visited_by", "delta", "quantity", "order of α"))
@@ -233,7 +221,8 @@ class Facts:
         tested = [row | drawn[row["id"]] for row in self.posed if row["section"] != "learning"]
         tested = [row for row in tested if row["decided"]]
         effects = read_table(folder / "main_effects.csv", ("claim", "choice", "effect", "q"))
-        effects = effects[effects["q"] < multiverse.LEVEL].sort_values("effect", ascending=False)
+        moving = effects[(effects["q"] < multiverse.LEVEL) & effects["claim"].isin(self.claims)]
+        moving = moving.sort_values("effect", ascending=False)
         flips = read_table(folder / "flips.csv", ("claim", "choice"))
         usual = {choice.id: choice.levels[0].level for choice in multiverse.load_choices()}
         rates = read_table(folder / "papers_rates.csv", ("id", *RATES, "margin"), text=tuple(usual))
@@ -246,10 +235,7 @@ class Facts:
             "seldom": [row for row in tested if row["share"] <= SELDOM],
             "steps": read_json(folder / "workflow.json")["steps"],
             "choices": len(usual) - len(DRAWS),
-            "moved": effects[effects["claim"].isin(self.claims)]
-            .groupby("claim")["choice"]
-            .agg(list)
-            .to_dict(),
+            "moved": moving.groupby("claim")["choice"].agg(list).to_dict(),
             "chance": flips.loc[flips["choice"].isin(DRAWS), "claim"].nunique(),
             "hits": int((rates["margin"] >= 0).sum()),
             "rated": len(rates),

@@ -28,20 +28,9 @@ from sklearn.svm import SVC
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, as_states
-from srlrepro.region import safe_region
-from srlrepro.region.hypothesis import (
-    KERNEL,
-    LINEAR,
-    LOOP,
-    NETWORK,
-    NONE,
-    TABLE,
-    VOTE,
-    CompiledHypothesis,
-    Posterior,
-    safe_probabilities,
-)
-from srlrepro.region.safe_region import SafeRegion
+from srlrepro.region import hypothesis as kinds
+from srlrepro.region.hypothesis import NONE, TABLE, CompiledHypothesis, Posterior
+from srlrepro.region.safe_region import SafeRegion, learn_region
 from srlrepro.region.safety_map import RegionArrays, discretise
 from srlrepro.region.tsne import embed
 from srlrepro.samplers import TrainingData, known_states
@@ -57,19 +46,14 @@ ITERATIONS = 5000  # of the perceptron, at most: L-BFGS converges in a few hundr
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """h(x) of any posterior.
+    """h(x) of any posterior."""
 
-    Attributes:
-        posterior: says P(l(x) = 1).
-        p_t: threshold of eq. (5).
-    """
-
-    posterior: Posterior
-    p_t: float
+    posterior: Posterior  # says P(l(x) = 1)
+    p_t: float  # threshold of eq. (5)
 
     def safety(self, x: ArrayLike) -> Floats:
         """P(l(x) = 1) [B] of the states x [B, 6]."""
-        return safe_probabilities(self.posterior, as_states(x))
+        return kinds.safe_probabilities(self.posterior, as_states(x))
 
     def predict(self, x: ArrayLike) -> Labels:
         """h(x) [B]: 1 if P(l(x) = 1) > p_t, else 0."""
@@ -98,7 +82,9 @@ def _pca(x: Floats, z: Labels, config: Config) -> Posterior:
     places = pca.transform(x / scale)
     grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
-    return Posterior(LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_)
+    return Posterior(
+        kinds.LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_
+    )
 
 
 def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
@@ -107,7 +93,7 @@ def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
     votes = np.column_stack([z, np.zeros(len(z))]).astype(np.float64)
     neighbours = min(config.choices.psi_neighbours, len(x))
     x_train = np.ascontiguousarray((x / scale).T)
-    return Posterior(VOTE, RegionArrays(scale, x_train, votes, neighbours, TABLE, NONE, 0.0))
+    return Posterior(kinds.VOTE, RegionArrays(scale, x_train, votes, neighbours, TABLE, NONE, 0.0))
 
 
 def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
@@ -128,7 +114,7 @@ def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     bias = float(-sigmoid.a_ * svm.intercept_[0] - sigmoid.b_)  # Platt: P = 1 / (1 + exp(a f + b))
     region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
     vectors, weights = np.ascontiguousarray(svm.support_vectors_), -sigmoid.a_ * svm.dual_coef_[0]
-    return Posterior(KERNEL, region, vectors, weights=weights, bias=bias, width=width)
+    return Posterior(kinds.KERNEL, region, vectors, weights=weights, bias=bias, width=width)
 
 
 def fit_mlp(s: Floats, z: Labels, seed: int) -> MLPClassifier:
@@ -144,10 +130,8 @@ def _mlp(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     scale = np.array(config.paper.state_max)
     mlp = fit_mlp(x / scale, z, seed)
     (hidden, out), (offsets, bias) = mlp.coefs_, mlp.intercepts_
-    region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
-    return Posterior(
-        NETWORK, region, np.ascontiguousarray(hidden.T), offsets, out[:, 0].copy(), float(bias[0])
-    )
+    region, weights = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0), np.ascontiguousarray(hidden.T)
+    return Posterior(kinds.NETWORK, region, weights, offsets, out[:, 0].copy(), float(bias[0]))
 
 
 def learn_hypothesis(
@@ -166,18 +150,16 @@ def learn_hypothesis(
     kind, p_t = config.choices.hypothesis, config.paper.p_t
     if kind in ORACLES:
         loop = ClosedLoop.from_config(config, delta if kind == "real" else 1.0)
-        return Predictor(Posterior(LOOP, loop=loop.kernel_arguments), p_t)
+        return Predictor(Posterior(kinds.LOOP, loop=loop.kernel_arguments), p_t)
     check(data is not None, "data", data, f"training data, which hypothesis = {kind} learns from")
     assert data is not None
     if kind == "tsne":
-        return safe_region.learn_region(data, config, seed)
+        return learn_region(data, config, seed)
     x, z = known_states(data, config)
     if kind == "euclidean":
         return _euclidean(x, z, config, seed)
-    if kind == "pca":
-        return Predictor(_pca(x, z, config), p_t)
-    if kind == "knn":
-        return Predictor(_knn(x, z, config), p_t)
+    if kind in ("pca", "knn"):
+        return Predictor((_pca if kind == "pca" else _knn)(x, z, config), p_t)
     check(0 < z.mean() < 1, "z", f"{z[0]} for all states", f"of both kinds for hypothesis = {kind}")
     return Predictor((_svm if kind == "svm" else _mlp)(x, z, config, seed), p_t)
 

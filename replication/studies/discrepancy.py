@@ -30,21 +30,14 @@ from srlrepro.supervisor import Supervisor
 
 @dataclass(frozen=True, eq=False)
 class Experience:
-    """What a learner has seen of the real system.
+    """What a learner has seen of the real system; states are in rad and rad/s."""
 
-    Attributes:
-        x, following: [N, 6] states at the start and the end of a control period, rad and rad/s.
-        actions: [N, 3] of π, in units of ``action_unit``.
-        activated: [M, 6] states in which K was activated; safe: [M] whether it recovered the system.
-        times: [M] s, until the outcome.
-    """
-
-    x: Floats
-    actions: Floats
-    following: Floats
-    activated: Floats
-    safe: Labels
-    times: Floats
+    x: Floats  # [N, 6] at the start of a control period
+    actions: Floats  # [N, 3] of π, in units of ``action_unit``
+    following: Floats  # [N, 6] at the end of the control period
+    activated: Floats  # [M, 6] states in which K was activated
+    safe: Labels  # [M] whether it recovered the system
+    times: Floats  # [M] s, until the outcome
 
 
 def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: Generator) -> Experience:
@@ -61,14 +54,9 @@ def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: 
             activated.append(task.state.copy())
             outcomes.append(env.recovery.labels[0])
             times.append(env.recovery.durations[0])
-    return Experience(
-        np.array([step.x for step in steps]),
-        np.array([step.action for step in steps]),
-        np.array([step.following for step in steps]),
-        np.array(activated).reshape(-1, 6),
-        np.array(outcomes, int),
-        np.array(times),
-    )
+    x, actions, _, following, _ = zip(*steps, strict=True)
+    of_k = np.array(activated).reshape(-1, 6), np.array(outcomes, int), np.array(times)
+    return Experience(np.array(x), np.array(actions), np.array(following), *of_k)
 
 
 def predict(experience: Experience, config: Config) -> Floats:

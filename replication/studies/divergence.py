@@ -13,8 +13,6 @@ It grows with H, up to the total variation distance when H holds every measurabl
   with G among its symmetric differences, and of the total variation.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -32,17 +30,15 @@ from sklearn.svm import SVC
 from srlrepro.settings.fields import check
 
 # scikit-learn's defaults; "quadratic" contains the symmetric differences of two half-spaces
-DOMAIN_CLASSIFIERS: Mapping[str, ClassifierMixin] = MappingProxyType(
-    {
-        "half-spaces": make_pipeline(StandardScaler(), LogisticRegression()),
-        "quadratic": make_pipeline(
-            StandardScaler(), PolynomialFeatures(2), StandardScaler(), LogisticRegression()
-        ),
-        "RBF-SVM": make_pipeline(StandardScaler(), SVC()),
-        "k-NN": make_pipeline(StandardScaler(), KNeighborsClassifier()),
-        "boosted trees": HistGradientBoostingClassifier(random_state=0),
-    }
-)
+DOMAIN_CLASSIFIERS: dict[str, ClassifierMixin] = {
+    "half-spaces": make_pipeline(StandardScaler(), LogisticRegression()),
+    "quadratic": make_pipeline(
+        StandardScaler(), PolynomialFeatures(2), StandardScaler(), LogisticRegression()
+    ),
+    "RBF-SVM": make_pipeline(StandardScaler(), SVC()),
+    "k-NN": make_pipeline(StandardScaler(), KNeighborsClassifier()),
+    "boosted trees": HistGradientBoostingClassifier(random_state=0),
+}
 
 
 class HalfDivergence(NamedTuple):
@@ -55,12 +51,8 @@ class HalfDivergence(NamedTuple):
 def finite_class(target: ArrayLike, source: ArrayLike) -> HalfDivergence:
     """½ d_HΔH of a finite H between two samples, a maximum over all pairs of its members.
 
-    Args:
-        target: [N, M] labels of N states of D by the M members of H.
-        source: [N', M] labels of N' states of D_n.
-
-    Raises:
-        ValueError: other shapes.
+    target: [N, M] labels of N states of D by the M members of H; source: [N', M] of N' states of D_n.
+    `ParameterError`: other shapes.
     """
     d, d_n = np.asarray(target), np.asarray(source)
     fits = d.ndim == d_n.ndim == 2 and d.shape[1] == d_n.shape[1] and len(d) > 0 and len(d_n) > 0
@@ -82,10 +74,7 @@ def domain_classifier(
 
     Args:
         target: [N, 6] states of D; source: [N', 6] states of D_n, of about as many.
-        folds: [N] fold of each state of D, 0 to F − 1; the states of D_n take turns.
-
-    Raises:
-        ValueError: fewer than two folds.
+        folds: [N] fold of each state of D, 0 to F − 1, of two at least; the states of D_n take turns.
     """
     d, d_n, fold = np.asarray(target), np.asarray(source), np.asarray(folds)
     count = len(np.unique(fold))

@@ -22,15 +22,6 @@ FREE = "visited, free"  # states that no hypothesis has influenced
 FOLLOWED = ("final_return", "success_rate", "violations_per_1000_steps")
 
 
-def visited(
-    folder: Path, alphas: Iterable[str], delta: float, seeds: Sequence[int], rng: Generator
-) -> Floats:
-    """`TEST_STATES` of the states [B, 6] that the learners of a universe (its folder) visited, all seeds."""
-    names = [Condition(parse_alpha(a), delta, s).name for a in alphas for s in seeds]
-    states = np.concatenate([read_run(folder / "runs" / name).visited() for name in names])
-    return rng.choice(states, TEST_STATES)
-
-
 def scored_states(
     data: Mapping[str, TrainingData],
     config: Config,
@@ -41,19 +32,25 @@ def scored_states(
 ) -> Iterator[tuple[str, float, str, Floats, Labels]]:
     """(states, Δ, α that they belong to, x [B, 6], labels [B]) of everything that hypotheses are judged on.
 
-    UD and MND, labelled on the nominal system (Δ = 1); states that the free learner and the learner under the
-    paper's region visited, labelled on the real one. Those under the region are of the region's α, and for a
-    hypothesis without α (`ANY`) of all. ``paper`` is the folder of the paper's universe.
+    UD and MND, labelled on the nominal system (Δ = 1); `TEST_STATES` of those that the free learner, and the
+    learner under the paper's region, visited, labelled on the real one. Those under the region are of the
+    region's α, and for a hypothesis without α (`ANY`) of all. ``paper``: folder of the paper's universe.
     """
+
+    def visited(alphas: Iterable[str], delta: float) -> Floats:
+        names = [Condition(parse_alpha(a), delta, s).name for a in alphas for s in seeds]
+        states = np.concatenate([read_run(paper / "runs" / name).visited() for name in names])
+        return rng.choice(states, TEST_STATES)
+
     for name, (x, labels) in held_out_states(next(iter(data.values())).mnd, config, rng).items():
         for alpha in (*data, ANY):
             yield name, 1.0, alpha, x, labels
     for delta in deltas:
-        real, free = ClosedLoop.from_config(config, delta), visited(paper, [NONE], delta, seeds, rng)
+        real, free = ClosedLoop.from_config(config, delta), visited([NONE], delta)
         of_free = real.predict(free)
         for alpha in (*data, ANY):
             yield FREE, delta, alpha, free, of_free
-            x = visited(paper, list(data) if alpha == ANY else [alpha], delta, seeds, rng)
+            x = visited(data if alpha == ANY else [alpha], delta)
             yield "visited, supervised", delta, alpha, x, real.predict(x)
 
 
@@ -86,11 +83,8 @@ def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
     """Spearman's rank correlation of each score on the states `FREE` with what learners got, for each Δ.
 
     Columns: delta, score, cells (compared pairs of a hypothesis and an α), `FOLLOWED`. Hypotheses that know
-    the system are left out, as they learn from no data.
-
-    Args:
-        scores: as of `classify`.
-        learned: hypothesis, alpha, delta and `FOLLOWED`, means over seeds, of what was trained.
+    the system are left out, as they learn from no data. scores: as of `classify`; learned: hypothesis, alpha,
+    delta and `FOLLOWED`, means over seeds, of what was trained.
     """
     judged = scores[(scores["states"] == FREE) & (scores["alpha"] != ANY)]
     joined = judged.merge(learned, on=["hypothesis", "alpha", "delta"])

@@ -56,10 +56,6 @@ class Choice:
     id: str
     levels: tuple[Level, ...]
 
-    def settings(self, level: str) -> Mapping[str, Any]:
-        """The settings of the named level."""
-        return next(entry.set for entry in self.levels if entry.level == level)
-
 
 def load_choices() -> list[Choice]:
     """The choices, in the order of the file."""
@@ -90,10 +86,8 @@ def design(choices: Iterable[Choice], drawn: int = DRAWN, seed: int = DESIGN_SEE
 
 def settings(choices: Iterable[Choice], universe: Mapping[Any, str]) -> dict[str, Any]:
     """{name: value} of everything in which a row of the design differs from the default."""
-    values: dict[str, Any] = {}
-    for c in choices:
-        values |= c.settings(universe[c.id])
-    return values
+    taken = [level.set for c in choices for level in c.levels if level.level == universe[c.id]]
+    return {name: value for values in taken for name, value in values.items()}
 
 
 def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str, dict[str, Any]]:
@@ -106,31 +100,23 @@ def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str
         seeds: of the learner.
         few: only some universes of a multiverse, spread over its design.
     """
+    found = {}
     if study == "hypotheses":
-        return {name: _hypothesis(name, alphas, seeds) for name in HYPOTHESES}
+        supervised = [alpha for alpha in alphas if alpha != NONE]
+        conditions = {Choices.hypothesis: alphas} | {name: [NO_DATA] for name in ORACLES}
+        for name in HYPOTHESES:
+            own = {"ALPHAS": conditions.get(name, supervised), "SETTINGS": {"hypothesis": name}}
+            found[name] = {"ID": name} | own | {"DATA_SEED": 0, "SEEDS": seeds}
+        return found
     choices = load_choices()
     universes = design(choices)
     if few:
         universes = universes.iloc[:: -(-len(universes) // FEW)]
-    found = {}
     for name, levels in universes.iterrows():
         values = settings(choices, levels.to_dict())
         drawn = {"DATA_SEED": values.pop("data_seed", 0), "SEEDS": [values.pop("seed", 0)]}
         found[str(name)] = {"ID": str(name), "ALPHAS": alphas, "SETTINGS": values} | drawn
     return found
-
-
-def _hypothesis(name: str, alphas: list[str], seeds: list[int]) -> dict[str, Any]:
-    conditions = alphas if name == Choices.hypothesis else [alpha for alpha in alphas if alpha != NONE]
-    if name in ORACLES:
-        conditions = [NO_DATA]
-    return {
-        "ID": name,
-        "ALPHAS": conditions,
-        "SETTINGS": {"hypothesis": name},
-        "DATA_SEED": 0,
-        "SEEDS": seeds,
-    }
 
 
 def outcomes(
@@ -151,13 +137,12 @@ def outcomes(
         for claim in claims:
             contrasts = contrasts_of(claim, table, grid=grid)
             margin = float(margins(contrasts).min(skipna=False))
-            value, held, why = margin, points(contrasts), ""
+            value, held = margin, points(contrasts)
+            why = "not measured" if held is None else ""
             if claim.kind == "near":  # the measure itself
                 value = contrasts["estimate"].mean() + claim.value
             if len(broken):
                 value, margin, held, why = np.nan, np.nan, None, VIOLATED + "; ".join(broken)
-            elif held is None:
-                why = "not measured"
             rows.append((name, claim.id, value, margin, held, why))
     return pd.DataFrame(rows, columns=["id", "claim", "value", "margin", "holds", "why"])
 
@@ -170,9 +155,9 @@ def shares(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
         violated = int(group["why"].str.startswith(VIOLATED).sum())
         decided = group["holds"].dropna().astype(bool)
         n, held = len(decided), int(decided.sum())
-        low, high = share_interval(held, n, method="wilson")
-        share = held / n if n else np.nan
-        rows.append((claim, kind, len(group), violated, len(group) - n - violated, held, share, low, high))
+        counts = len(group), violated, len(group) - n - violated, held
+        interval = share_interval(held, n, method="wilson")
+        rows.append((claim, kind, *counts, held / n if n else np.nan, *interval))
     columns = ["claim", "design", "universes", "violated", "unmeasured", "held", "share", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -181,16 +166,13 @@ def flips(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
     """The alternatives that, alone, turn a claim of the default universe: claim, choice, level, holds."""
     rows = []
     alone = universes[universes["design"] == ALONE].drop(columns="design")
-    decided = results.dropna(subset="holds").set_index("id")
-    before = dict(decided.loc[decided.index == "default", ["claim", "holds"]].to_numpy())
+    decided = results.dropna(subset="holds").set_index("id")[["claim", "holds"]]
+    before = dict(decided[decided.index == "default"].to_numpy())
     for name, levels in alone.drop(index="default").iterrows():
         (choice,) = levels.index[levels != alone.loc["default"]]
-        after = decided.loc[decided.index == name, ["claim", "holds"]].to_numpy()
-        rows += [
-            (claim, choice, levels[choice], held)
-            for claim, held in after
-            if claim in before and held != before[claim]
-        ]
+        for claim, held in decided[decided.index == name].to_numpy():
+            if held != before.get(claim, held):
+                rows.append((claim, choice, levels[choice], held))
     return pd.DataFrame(rows, columns=["claim", "choice", "level", "holds"])
 
 
@@ -232,6 +214,5 @@ def papers_rates(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
     """
     rates = results[results["claim"].isin(RATES)].dropna(subset="margin")
     table = rates.pivot_table(index="id", columns="claim", values="value").reindex(columns=list(RATES))
-    table = table.dropna()
-    table["margin"] = rates.groupby("id")["margin"].min()
+    table = table.dropna().assign(margin=rates.groupby("id")["margin"].min())
     return table.join(universes).sort_values("margin", ascending=False).reset_index()

@@ -10,21 +10,12 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.measures import classification
+from srlrepro import samplers
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import RECOVERED, ClosedLoop
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.trials import transitions, untrained
 from srlrepro.region.safe_region import SafeRegion, learn_region
-from srlrepro.samplers import (
-    MultivariateNormal,
-    TrainingData,
-    generate,
-    known_states,
-    sample_mnd,
-    sample_uniform,
-    split,
-    visited_states,
-)
 from srlrepro.settings.condition import alpha_text
 from srlrepro.settings.config import Config
 
@@ -34,12 +25,11 @@ EMBEDDING_CHOICES = ("known_origin", "label_gap", "perplexity")
 
 def integration(config: Config, substeps: Iterable[int], n: int, seed: int) -> pd.DataFrame:
     """Share of n UD states whose nominal label equals that of a much finer integration, by substeps."""
-    x = sample_uniform(n, config.paper.state_max, np.random.default_rng(seed))
-    exact = ClosedLoop.from_config(config.with_values(substeps=FINE)).predict(x)
-    agreement = [
-        (ClosedLoop.from_config(config.with_values(substeps=s)).predict(x) == exact).mean() for s in substeps
-    ]
-    return pd.DataFrame({"substeps": list(substeps), "equal labels": agreement})
+    x = samplers.sample_uniform(n, config.paper.state_max, np.random.default_rng(seed))
+    exact, *labels = (
+        ClosedLoop.from_config(config.with_values(substeps=s)).predict(x) for s in (FINE, *substeps)
+    )
+    return pd.DataFrame({"substeps": list(substeps), "equal labels": [(l == exact).mean() for l in labels]})
 
 
 def stability(
@@ -57,7 +47,7 @@ def stability(
 
 def recoveries(config: Config, deltas: Iterable[float], n: int, seed: int) -> pd.DataFrame:
     """Of n UD states under K: share recovered, the slowest recovery (s) and its largest rate (rad/s)."""
-    x = sample_uniform(n, config.paper.state_max, np.random.default_rng(seed))
+    x = samplers.sample_uniform(n, config.paper.state_max, np.random.default_rng(seed))
     rows = []
     for delta in deltas:
         rollouts = ClosedLoop.from_config(config, delta).rollout(x)
@@ -72,7 +62,8 @@ def random_policies(config: Config, holds: Iterable[float], n: int, seed: int) -
     nominal, rows = ClosedLoop.from_config(config), []
     for hold in holds:
         rng = np.random.default_rng(seed)
-        mnd = MultivariateNormal.fit(visited_states(config.with_values(random_hold=hold), rng))
+        visited = samplers.visited_states(config.with_values(random_hold=hold), rng)
+        mnd = samplers.MultivariateNormal.fit(visited)
         std = np.sqrt(np.diag(mnd.covariance))
         correlation = mnd.covariance[0, 3] / (std[0] * std[3])
         rows.append((hold, correlation, nominal.predict(mnd.sample(n, rng)).mean()))
@@ -92,7 +83,7 @@ def calibration(
     origin as safe.
     """
     nominal, rows = ClosedLoop.from_config(config), []
-    datasets = {(a, s): generate(a, config, s) for a in alphas for s in seeds}
+    datasets = {(a, s): samplers.generate(a, config, s) for a in alphas for s in seeds}
     tests = {cell: fresh_states(cell[0], data, config, n, cell[1]) for cell, data in datasets.items()}
     labels = {cell: nominal.predict(x) for cell, x in tests.items()}
     embeddings: dict[tuple[object, ...], Floats] = {}
@@ -106,31 +97,29 @@ def calibration(
             if key not in embeddings:
                 embeddings[key] = learn_region(data, varied, cell[1]).embedding_
             region = SafeRegion.from_config(varied, cell[1])
-            region.fit_embedding(*known_states(data, varied), embeddings[key])
+            region.fit_embedding(*samplers.known_states(data, varied), embeddings[key])
             brier = classification(region, tests[cell], labels[cell])["brier"]
             scores.setdefault(f"α = {alpha_text(cell[0])}", []).append(brier)
             origin.append(region.predict(np.zeros((1, 6)))[0])
         means = {name: float(np.mean(values)) for name, values in scores.items()}
-        mean = float(np.mean(list(means.values())))
-        rows.append(
-            {"variation": _text(values)} | means | {"mean": mean, "h(origin)": float(np.mean(origin))}
-        )
+        row = {"variation": _text(values)} | means
+        rows.append(row | {"mean": float(np.mean(list(means.values()))), "h(origin)": float(np.mean(origin))})
     return pd.DataFrame(rows)
 
 
-def fresh_states(alpha: float, data: TrainingData, config: Config, n: int, seed: int) -> Floats:
+def fresh_states(alpha: float, data: samplers.TrainingData, config: Config, n: int, seed: int) -> Floats:
     """n states [n, 6] of D_n = αUD + (1 − α)MND that are not among the training data, whose MND is taken."""
     rng = np.random.default_rng([seed, 2])
-    n_ud, n_mnd = split(alpha, n)
-    ud = sample_uniform(n_ud, config.paper.state_max, rng)
-    return np.concatenate([ud, sample_mnd(n_mnd, data.mnd, config, rng)])
+    n_ud, n_mnd = samplers.split(alpha, n)
+    ud = samplers.sample_uniform(n_ud, config.paper.state_max, rng)
+    return np.concatenate([ud, samplers.sample_mnd(n_mnd, data.mnd, config, rng)])
 
 
 def origin_safety(config: Config, alpha: float, seeds: Iterable[int]) -> pd.DataFrame:
     """Γ at the origin with and without ``known_origin``, by training dataset (seed)."""
     rows = []
     for seed in seeds:
-        data = generate(alpha, config, seed)
+        data = samplers.generate(alpha, config, seed)
         for known in (False, True):
             region = learn_region(data, config.with_values(known_origin=known), seed)
             rows.append((seed, known, float(region.safety(np.zeros((1, 6)))[0])))

@@ -13,7 +13,6 @@ is a failure of the step, not of the estimate. What a slack says of the populati
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,72 +26,35 @@ from srlrepro.region.hypothesis import Hypothesis
 
 LABELS = ["l", "l_n"]  # names of the labelling functions of the real and of the nominal system
 SMALLEST = "{h, l, l_n}"  # the smallest class for which both halves of the proof go through
-REGIONS = "regions"
-REGIONS_AND_LABELS = "regions, l, l_n"
-FINITE = (SMALLEST, REGIONS, REGIONS_AND_LABELS)
+REGIONS, REGIONS_AND_LABELS = "regions", "regions, l, l_n"
 POOLED = "pooled"
 CELL = ["visited_by", "delta", "alpha", "seed"]
 DIGITS = 12  # of a slack: a sum of a few shares that is 0 may come out as −1e-17
 
-
-@dataclass(frozen=True)
-class Step:
-    """A step of the proof: what it says, what it needs, and whether the paper says that it needs it."""
-
-    name: str
-    inequality: str
-    needs: str
-    stated: str
-
-
-STEPS = (
-    Step(
-        "(14) insert",
-        "ε ≤ ε_n(h, l_n) + |ε_n(h, l) − ε_n(h, l_n)| + |ε(h, l) − ε_n(h, l)|",
-        "nothing: two terms added and subtracted",
-        "-",
-    ),
-    Step(
-        "(14) triangle",
-        "|ε_n(h, l) − ε_n(h, l_n)| ≤ E_1",
-        "two labels, and the same D_n in all three; nothing of H",
-        "-",
-    ),
-    Step(
-        "(15) for h, l", "|ε(h, l) − ε_n(h, l)| ≤ ½ d", "h and l in H", "yes: l is considered as a hypothesis"
-    ),
-    Step(
-        "(17) insert",
-        "ε ≤ ε_n(h, l_n) + |ε(h, l) − ε(h, l_n)| + |ε(h, l_n) − ε_n(h, l_n)|",
-        "nothing: two terms added and subtracted",
-        "-",
-    ),
-    Step(
-        "(17) triangle",
-        "|ε(h, l) − ε(h, l_n)| ≤ E_2",
-        "two labels, and the same D in all three; nothing of H",
-        "-",
-    ),
-    Step("(15) for h, l_n", "|ε(h, l_n) − ε_n(h, l_n)| ≤ ½ d", "h and l_n in H", "no"),
-    Step(
-        "(11) minimum",
-        "ε ≤ ε_n(h, l_n) + ½ d + min{E_1, E_2}",
-        "h, l and l_n in one H, with one d for (16) and (17)",
-        "only l",
-    ),
+# The steps of the proof: what each says, what it needs, and whether the paper says that it needs it.
+CONSIDERED = "yes: l is considered as a hypothesis"
+INSERTED = "nothing: two terms added and subtracted"
+TRIANGLE = "two labels, and the same {} in all three; nothing of H"
+IN_ONE = "h, l and l_n in one H, with one d for (16) and (17)"
+STEPS = pd.DataFrame(
+    [
+        ("(14) insert", "ε ≤ ε_n(h, l_n) + |ε_n(h, l) − ε_n(h, l_n)| + |ε(h, l) − ε_n(h, l)|", INSERTED, "-"),
+        ("(14) triangle", "|ε_n(h, l) − ε_n(h, l_n)| ≤ E_1", TRIANGLE.format("D_n"), "-"),
+        ("(15) for h, l", "|ε(h, l) − ε_n(h, l)| ≤ ½ d", "h and l in H", CONSIDERED),
+        ("(17) insert", "ε ≤ ε_n(h, l_n) + |ε(h, l) − ε(h, l_n)| + |ε(h, l_n) − ε_n(h, l_n)|", INSERTED, "-"),
+        ("(17) triangle", "|ε(h, l) − ε(h, l_n)| ≤ E_2", TRIANGLE.format("D"), "-"),
+        ("(15) for h, l_n", "|ε(h, l_n) − ε_n(h, l_n)| ≤ ½ d", "h and l_n in H", "no"),
+        ("(11) minimum", "ε ≤ ε_n(h, l_n) + ½ d + min{E_1, E_2}", IN_ONE, "only l"),
+    ],
+    columns=["step", "inequality", "needs", "stated"],
 )
 
 
 class Sample(NamedTuple):
-    """States and what each labelling function says of them.
+    """States and what each labelling function says of them."""
 
-    Attributes:
-        x: [N, 6] rad and rad/s.
-        labels: [N, M], a column per labelling function; among them those of `LABELS`.
-    """
-
-    x: Floats
-    labels: pd.DataFrame
+    x: Floats  # [N, 6] rad and rad/s
+    labels: pd.DataFrame  # [N, M], a column per labelling function; among them those of `LABELS`
 
     @classmethod
     def of(cls, x: Floats, functions: Mapping[str, Hypothesis]) -> "Sample":
@@ -112,12 +74,9 @@ def disagreement(a: pd.Series | Labels, b: pd.Series | Labels) -> float:
 
 
 def terms(target: pd.DataFrame, source: pd.DataFrame, h: str) -> dict[str, float]:
-    """Every expectation of Theorem 1 and App. B, from the labels of states of D and of D_n.
+    """Every expectation of Theorem 1 and App. B, from the labels [N, M] of states of D and [N', M] of D_n.
 
-    ``unsafe`` is the error of the hypothesis that calls every state safe.
-
-    Args:
-        target, source: [N, M] and [N', M] labels; the column h is the hypothesis.
+    The column h is the hypothesis. ``unsafe`` is the error of the one that calls every state safe.
     """
     d, d_n = target, source
     return {
@@ -139,7 +98,7 @@ def bound(table: pd.DataFrame) -> pd.Series:
 
 
 def slacks(table: pd.DataFrame) -> pd.DataFrame:
-    """The slack of every step of `STEPS`, row by row; columns as of `terms`, and half_divergence.
+    """The slack of every step of `STEPS`, row by row; columns as of `bound`.
 
     Those of (14) and of (15) for h, l add up to the slack of eq. (16); the others to that of eq. (17).
     """
@@ -157,14 +116,14 @@ def slacks(table: pd.DataFrame) -> pd.DataFrame:
         half - domains_nominal,  # eq. (15)
         bound(t) - t["error"],
     ]
-    return pd.concat(columns, axis=1, keys=[step.name for step in STEPS]).round(DIGITS) + 0.0  # no −0
+    return pd.concat(columns, axis=1, keys=STEPS["step"].tolist()).round(DIGITS) + 0.0  # no −0
 
 
 def finite_divergences(target: pd.DataFrame, source: pd.DataFrame, h: str) -> dict[str, HalfDivergence]:
     """½ d for three finite classes: `SMALLEST`, all regions, and all regions with l and l_n."""
     regions = [name for name in target if name not in LABELS]
-    members = ([h, *LABELS], regions, [*regions, *LABELS])
-    return {name: finite_class(target[m], source[m]) for name, m in zip(FINITE, members, strict=True)}
+    members = {SMALLEST: [h, *LABELS], REGIONS: regions, REGIONS_AND_LABELS: [*regions, *LABELS]}
+    return {name: finite_class(target[m], source[m]) for name, m in members.items()}
 
 
 def term_table(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.DataFrame:
@@ -190,12 +149,9 @@ def term_table(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.Data
         for name, classifier in DOMAIN_CLASSIFIERS.items():
             found[name] = domain_classifier(classifier, target.x[thin], source.x, folds[seed][thin])
         values = terms(target.labels, source.labels, h)
-        rows += [
-            {"seed": str(seed), "class": name}
-            | values
-            | {"half_divergence": d.value, "standard_error": d.standard_error}
-            for name, d in found.items()
-        ]
+        for name, (half, error) in found.items():
+            row = {"seed": str(seed), "class": name} | values
+            rows.append(row | {"half_divergence": half, "standard_error": error})
     table = pd.DataFrame(rows)
     return table.assign(bound=bound(table))
 
@@ -203,27 +159,15 @@ def term_table(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.Data
 def step_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per step of the proof: what it needs, in how many rows of the table it holds, and its slack."""
     slack = slacks(table)
-    return pd.DataFrame(
-        {
-            "step": [s.name for s in STEPS],
-            "inequality": [s.inequality for s in STEPS],
-            "needs": [s.needs for s in STEPS],
-            "stated": [s.stated for s in STEPS],
-            "holds": (slack >= 0).sum().to_numpy(),
-            "of": len(table),
-            "smallest slack": slack.min().to_numpy(),
-            "mean slack": slack.mean().to_numpy(),
-            "largest slack": slack.max().to_numpy(),
-        }
-    )
+    steps = STEPS.assign(holds=(slack >= 0).sum().to_numpy(), of=len(table))
+    ends = {"smallest slack": slack.min(), "mean slack": slack.mean(), "largest slack": slack.max()}
+    return steps.assign(**{name: values.to_numpy() for name, values in ends.items()})
 
 
 def class_table(table: pd.DataFrame) -> pd.DataFrame:
-    """A row per class: where eq. (15) and the theorem fail with its ½ d, the range of the bound, and where
-    the bound is vacuous, i.e. 1 or more.
-    """
+    """A row per class: where eqs. (15) and (11) fail with its ½ d, the bound's range, and where it is ≥ 1."""
     slack, bounds = slacks(table), table.groupby("class", sort=False)["bound"]
-    failed = slack[[s.name for s in STEPS if s.name.startswith(("(15)", "(11)"))]] < 0
+    failed = slack.loc[:, slack.columns.str.startswith(("(15)", "(11)"))] < 0
     summary = failed.groupby(table["class"], sort=False).sum().add_prefix("fails: ")
     columns = {"of": bounds.size(), "smallest bound": bounds.min(), "largest bound": bounds.max()}
     return summary.assign(**columns, vacuous=(table["bound"] >= 1).groupby(table["class"], sort=False).sum())

@@ -28,22 +28,14 @@ Learned = dict[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of �
 
 @dataclass(frozen=True)
 class Universe:
-    """Values, and the cells that are trained under them.
-
-    Attributes:
-        config: every value.
-        alphas: texts of α, with "none" for the free learner.
-        deltas, seeds: mismatches Δ, and seeds of the learner.
-        data_seed: of the training data and of t-SNE.
-        steps: training steps of a cell.
-    """
+    """Values, and the cells that are trained under them."""
 
     config: Config
-    alphas: tuple[str, ...]
-    deltas: tuple[float, ...]
-    seeds: tuple[int, ...]
-    data_seed: int
-    steps: int
+    alphas: tuple[str, ...]  # texts of α, with "none" for the free learner
+    deltas: tuple[float, ...]  # mismatches Δ
+    seeds: tuple[int, ...]  # of the learner
+    data_seed: int  # of the training data and of t-SNE
+    steps: int  # training steps of a cell
 
     @property
     def runs(self) -> list[Run]:
@@ -53,11 +45,13 @@ class Universe:
 
     def learn_hypotheses(self) -> Learned:
         """The training data and the hypothesis of every α, as it is on the nominal system."""
-        numbers = {a: value for a in self.alphas if (value := parse_alpha(a)) is not None}
-        datasets = {a: generate(value, self.config, self.data_seed) for a, value in numbers.items()}
-        return {
-            a: (data, learn_hypothesis(data, self.config, self.data_seed)) for a, data in datasets.items()
-        }
+        learned: Learned = {}
+        for alpha in self.alphas:
+            share = parse_alpha(alpha)
+            if share is not None:
+                data = generate(share, self.config, self.data_seed)
+                learned[alpha] = data, learn_hypothesis(data, self.config, self.data_seed)
+        return learned
 
 
 def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
@@ -93,14 +87,11 @@ def possible(universe: Universe, met: pd.DataFrame) -> Universe:
 
 
 def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]:
-    """Train and measure every cell.
+    """Train every cell, and return the rows of its measures (`measure_run`).
 
     Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A
-    cell that the same code has finished with the same values is not trained again.
-
-    Returns:
-        The rows of its measures (`measure_run`); common errors are on the states of the free run, if that is
-        of this universe.
+    cell that the same code has finished with the same values is not trained again. Common errors are on the
+    states of the free run, if that is of this universe.
     """
     rows: list[Row] = []
     free: dict[tuple[float, int], TrainedRun] = {}  # by Δ and seed
@@ -110,7 +101,7 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
             region = learn_hypothesis(None, universe.config, delta=run.delta)
         products = folder / "runs" / run.name
         if not _is_finished(products, run, universe.config, region):
-            (products / "run.json").unlink(missing_ok=True)  # of other values: `train` would refuse
+            (products / RECORD).unlink(missing_ok=True)  # of other values: `train` would refuse
             train(run, universe.config, region, products, folder / "checkpoints" / f"{run.name}.zip")
         trained, cell = read_run(products), (run.delta, run.seed)
         rows += measure_run(trained, region, None if region is None else free.get(cell))
