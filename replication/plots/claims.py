@@ -11,12 +11,8 @@ from matplotlib.lines import Line2D
 
 from replication.plots.style import CONTRADICTS, INK, SUPPORTS, UNRESOLVED
 
-# (colour, marker) of a state
-STATE_STYLES = {
-    "supports": (SUPPORTS, "o"),
-    "contradicts": (CONTRADICTS, "X"),
-    "unresolved": (UNRESOLVED, "s"),
-}
+COLORS = {"supports": SUPPORTS, "contradicts": CONTRADICTS, "unresolved": UNRESOLVED}
+SHAPES = {"supports": "o", "contradicts": "X", "unresolved": "s"}
 HEAD = 3.4  # height of a panel's title and axis, in rows
 ROW = 0.17  # in
 LABEL_WIDTH = 56  # characters of a contrast's name in a line
@@ -32,7 +28,7 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
         if row["n"] == 0:
             ax.text(row["least"], place, " not measured", va="center", fontsize=6, color=UNRESOLVED)
             continue
-        tint, marker = STATE_STYLES[row["state"]]
+        tint, marker = COLORS[row["state"]], SHAPES[row["state"]]
         seeds = np.array(str(row["values"]).split(), dtype=float)
         ax.plot(seeds, np.full(len(seeds), place + 0.28), "|", color=tint, markersize=3, alpha=0.7)
         ax.plot([row["low"], row["high"]], [place, place], color=tint, linewidth=1.6)
@@ -52,11 +48,9 @@ def plot_contrasts(ax: Axes, contrasts: pd.DataFrame) -> None:
 def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int = 2) -> Figure:
     """The forest plot of all claims, in columns of about the same height; both tables by `judge_claims`."""
     sizes = contrasts.groupby("id", sort=False).size() + HEAD
-    column = (columns * (sizes.cumsum() - sizes / 2) / sizes.sum()).astype(int)
-    figure = plt.figure(figsize=(5.4 * columns, ROW * sizes.groupby(column).sum().max()))
-    for part, part_sizes in zip(
-        figure.subfigures(1, columns, squeeze=False)[0], (s for _, s in sizes.groupby(column)), strict=True
-    ):
+    groups = sizes.groupby((columns * (sizes.cumsum() - sizes / 2) / sizes.sum()).astype(int))
+    figure = plt.figure(figsize=(5.4 * columns, ROW * groups.sum().max()))
+    for part, (_, part_sizes) in zip(figure.subfigures(1, columns, squeeze=False)[0], groups, strict=True):
         axes = part.subplots(len(part_sizes), 1, height_ratios=part_sizes, squeeze=False)[:, 0]
         for ax, name in zip(axes, part_sizes.index, strict=True):
             claim = summary.set_index("id").loc[name]
@@ -65,9 +59,6 @@ def plot_verdicts(summary: pd.DataFrame, contrasts: pd.DataFrame, columns: int =
             title = textwrap.fill(f"{claim['statement'].rstrip('.')}: {claim['verdict']}{note}", TITLE_WIDTH)
             ax.set_title(title, fontsize=6.5, loc="right", fontweight="bold")
             ax.set_xlabel(f"contrast in {claim['measure'].replace('_', ' ')}", fontsize=6, labelpad=1)
-    handles = [
-        Line2D([], [], color=tint, marker=marker, label=state)
-        for state, (tint, marker) in STATE_STYLES.items()
-    ]
+    handles = [Line2D([], [], color=COLORS[s], marker=SHAPES[s], label=s) for s in COLORS]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=7)
     return figure

@@ -44,13 +44,9 @@ def join_pictures(first: Path, second: Path, figure: str, out: Path) -> None:
 
 
 def compare_measures(first: Path, second: Path) -> pd.DataFrame:
-    """The final measures of two folders (``measures.csv``), means over the seeds of each.
+    """A row per measure, Δ and α: the mean over seeds in either folder, and the second's less the first's.
 
-    Returns:
-        A row per measure, Δ and α: the mean in the one, in the other, and the second less the first.
-
-    Raises:
-        ResultError: a table is missing or damaged.
+    `ResultError`: a ``measures.csv`` is missing or damaged.
     """
     names = [first.name, second.name]
     tables = [read_measures(folder / "measures.csv") for folder in (first, second)]

@@ -20,11 +20,7 @@ TITLE_WIDTH = 70  # characters that fit above the axes
 
 
 def curve_table(claim: Claim, results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame:
-    """What `plot_curve` draws.
-
-    Returns:
-        The universes in which the claim can be evaluated, by rising value: id, value, holds, design, levels.
-    """
+    """The universes that can evaluate the claim, by rising value: id, value, holds, design, levels."""
     own = results[(results["claim"] == claim.id) & results["holds"].notna()]
     own = own.join(universes, on="id").drop(columns=["claim", "margin", "why"])
     return own.assign(holds=own["holds"].astype(bool)).sort_values("value", kind="stable", ignore_index=True)
@@ -42,36 +38,24 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
         part = table[table["design"] == kind]
         fills = np.where(part["holds"], INK, BACKGROUND)
         top.scatter(part.index, part["value"], 22, fills, marker=shape, edgecolors=INK, linewidths=0.7)
-    default = table[table["id"] == "default"]
-    top.scatter(
-        default.index, default["value"], 130, "none", marker="s", edgecolors=DEFAULT_UNIVERSE, linewidths=1.5
-    )
-    near = claim.kind == "near"
+    default = table.loc[table["id"] == "default", "value"]
+    top.scatter(default.index, default, 130, "none", marker="s", edgecolors=DEFAULT_UNIVERSE, linewidths=1.5)
+    near, name = claim.kind == "near", claim.measure.replace("_", " ")
     top.axhline(claim.value if near else 0.0, color=PAPERS_NUMBER, linewidth=1)
     if near:
-        top.axhspan(
-            claim.value - claim.tolerance,
-            claim.value + claim.tolerance,
-            color=PAPERS_NUMBER,
-            alpha=0.1,
-            linewidth=0,
-        )
-    top.set_ylabel(
-        claim.measure.replace("_", " ") if near else f"margin of\n{claim.measure.replace('_', ' ')}"
-    )
+        low, high = claim.value - claim.tolerance, claim.value + claim.tolerance
+        top.axhspan(low, high, color=PAPERS_NUMBER, alpha=0.1, linewidth=0)
+    top.set_ylabel(name if near else f"margin of\n{name}")
     held = int(table["holds"].sum())
     counts = f"holds in {held} of {len(table)} universes; {total - len(table)} not evaluable"
     top.set_title(f"{textwrap.fill(claim.statement, TITLE_WIDTH)}\n{counts}")
     levels = [[entry.level for entry in c.levels] for c in choices]
     codes = [table[c.id].map(names.index) for c, names in zip(choices, levels, strict=True)]
-    bottom.imshow(
-        np.array(codes, dtype=float).reshape(len(choices), len(table)),
-        cmap=mpl.colors.ListedColormap(LEVELS),
-        vmin=-0.5,
-        vmax=len(LEVELS) - 0.5,
-        aspect="auto",
-        interpolation="none",
+    picture, colors = (
+        np.array(codes, float).reshape(len(choices), len(table)),
+        mpl.colors.ListedColormap(LEVELS),
     )
+    bottom.imshow(picture, colors, aspect="auto", interpolation="none", vmin=-0.5, vmax=len(LEVELS) - 0.5)
     labels = [f"{c.id}:  {' · '.join(names)}" for c, names in zip(choices, levels, strict=True)]
     bottom.set_yticks(range(len(choices)), labels, fontsize=7)
     bottom.set_yticks(np.arange(len(choices) + 1) - 0.5, minor=True)
@@ -91,10 +75,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
 
 
 def plot_shares(table: pd.DataFrame) -> Figure:
-    """The share of universes in which each claim holds, by design, with its interval.
-
-    table: of `shares`; claims that no universe can evaluate are left out.
-    """
+    """The `shares` of universes in which each claim holds, by design, with intervals, where there are any."""
     table = table.dropna(subset="share")
     names = list(dict.fromkeys(table["claim"]))[::-1]
     figure, ax = plt.subplots(figsize=(7.0, 0.32 * len(names) + 1.2))

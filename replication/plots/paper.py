@@ -11,19 +11,8 @@ from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from replication.plots.style import (
-    ANY_CONDITION,
-    BACKGROUND,
-    BORDER,
-    GAMMA_MAP,
-    GUIDE,
-    INK,
-    MARKERS,
-    SAFE,
-    UNSAFE,
-    color,
-    label,
-)
+from replication.plots import style
+from replication.plots.style import ANY_CONDITION, BACKGROUND, GUIDE, INK, color, label
 from srlrepro.dynamics.closed_loop import Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.safety_map import RegionArrays
@@ -56,17 +45,15 @@ def plot_embedding(ax: Axes, y: Floats, z: Labels, region: RegionArrays) -> None
 def plot_gamma(ax: Axes, region: RegionArrays, p_t: float, origin: Floats) -> AxesImage:
     """Fig. 2 (g)-(i): Γ over the y-plane in colours, the border of S_y (Γ = p_t) and Ψ(0) (origin [2]).
 
-    Returns:
-        The picture, for a bar of its colours.
+    Returns the picture, for a bar of its colours.
     """
-    picture = ax.imshow(
-        region.gamma.T, origin="lower", extent=_extent(region), cmap=GAMMA_MAP, vmin=0, vmax=1
-    )
+    extent, colors = _extent(region), style.GAMMA_MAP
+    picture = ax.imshow(region.gamma.T, colors, origin="lower", extent=extent, vmin=0, vmax=1)
     centres = region.cell * (np.arange(region.gamma.shape[0]) + 0.5)
     if region.gamma.min() < p_t < region.gamma.max():
         first, second = region.origin[:, None] + centres
-        ax.contour(first, second, region.gamma.T, [p_t], colors=BORDER, linewidths=1.4)
-    ax.plot([], [], color=BORDER, label=r"border of $\mathcal{S}_y$")
+        ax.contour(first, second, region.gamma.T, [p_t], colors=style.BORDER, linewidths=1.4)
+    ax.plot([], [], color=style.BORDER, label=r"border of $\mathcal{S}_y$")
     ax.plot(*origin, "x", color=INK, markersize=8, markeredgewidth=2, label=r"$\Psi(0)$")
     ax.set(xlabel="$y_1$", ylabel="$y_2$")
     return picture
@@ -79,7 +66,7 @@ def _extent(region: RegionArrays) -> tuple[float, float, float, float]:
 
 
 def _plot_labels(ax: Axes, points: Floats, labels: Labels) -> None:
-    for value, name, tint, marker in ((0, "unsafe", UNSAFE, "x"), (1, "safe", SAFE, "o")):
+    for value, name, tint, marker in ((0, "unsafe", style.UNSAFE, "x"), (1, "safe", style.SAFE, "o")):
         first, second = points[labels == value].T
         ax.scatter(first, second, s=9, c=tint, marker=marker, linewidths=0.7, label=name, rasterized=True)
 
@@ -90,18 +77,12 @@ def plot_learning(ax: Axes, curves: pd.DataFrame, column: str) -> None:
     curves: columns alpha, seed, step and ``column``.
     """
     for name, group in curves.groupby("alpha", sort=True):
-        table = group.pivot_table(index="step", columns="seed", values=column)
-        ax.plot(table.index, table, color=color(str(name)), linewidth=0.6, alpha=0.5)
-        ax.plot(
-            table.index,
-            table.mean(axis=1),
-            color=color(str(name)),
-            linewidth=1.8,
-            label=label(str(name)),
-            marker=MARKERS.get(str(name), "."),
-            markersize=4,
-            markevery=max(1, len(table) // 8),
+        table, alpha = group.pivot_table(index="step", columns="seed", values=column), str(name)
+        ax.plot(table.index, table, color=color(alpha), linewidth=0.6, alpha=0.5)
+        (mean,) = ax.plot(
+            table.index, table.mean(axis=1), color=color(alpha), linewidth=1.8, label=label(alpha)
         )
+        mean.set(marker=style.MARKERS.get(alpha, "."), markersize=4, markevery=max(1, len(table) // 8))
     ax.set(xlabel="training step")
 
 
@@ -118,9 +99,12 @@ def plot_counts(ax: Axes, counts: pd.DataFrame, columns: Iterable[tuple[str, str
             place = i + (j - (len(pairs) - 1) / 2) * width
             mean, fill = group[column].mean(), mpl.colors.to_rgba(color(name), 0.75 if hatch else 1.0)
             ax.bar(place, mean, width, hatch=hatch, facecolor=fill, edgecolor=BACKGROUND)
-            spread = np.linspace(-0.25, 0.25, len(group)) * width if len(group) > 1 else np.zeros(1)
-            ax.plot(place + spread, group[column], "o", color=INK, markersize=2.5)
+            ax.plot(place + _spread(group, 0.25) * width, group[column], "o", color=INK, markersize=2.5)
     _name_conditions(ax, names)
+
+
+def _spread(seeds: pd.DataFrame, reach: float) -> Floats:
+    return np.linspace(-reach, reach, len(seeds)) if len(seeds) > 1 else np.zeros(1)
 
 
 def counts_legend(kinds: Mapping[str, str]) -> list[Artist]:
@@ -150,7 +134,7 @@ def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str,
             fill = mpl.colors.to_rgba(color(name), strength)
             ax.bar(i, term.mean(), 0.6, bottom, hatch=hatch, facecolor=fill, edgecolor=BACKGROUND)
             bottom += term.mean()
-        spread = np.linspace(-0.12, 0.12, len(group)) if len(group) > 1 else np.zeros(1)
+        spread = _spread(group, 0.12)
         ax.plot(i + spread, group["bound"], "o", color=INK, markersize=3.5, markerfacecolor="none")
         ax.plot(i + spread, group["error"], "o", color=INK, markersize=4, markeredgecolor=BACKGROUND)
         for other, marker in marked.items():
@@ -162,14 +146,8 @@ def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str,
 
 def bound_legend(marked: Mapping[str, str]) -> list[Artist]:
     """Entries of the legend of `plot_bound`."""
-    bars = [
-        Patch(facecolor=(ANY_CONDITION, strength), hatch=hatch, edgecolor=BACKGROUND, label=text)
-        for text, strength, hatch in BOUND_TERMS
-    ]
+    bars = [Patch(fc=(ANY_CONDITION, c), hatch=h, ec=BACKGROUND, label=t) for t, c, h in BOUND_TERMS]
     dots = [("o", INK, INK, "true error"), ("o", INK, "none", "bound, smallest class")]
     dots += [(m, ANY_CONDITION, ANY_CONDITION, f"bound, {name}") for name, m in marked.items()]
-    marks = [
-        Line2D([], [], marker=m, linestyle="", color=edge, markerfacecolor=fill, markersize=4, label=text)
-        for m, edge, fill, text in dots
-    ]
+    marks = [Line2D([], [], ls="", marker=m, c=edge, mfc=fill, ms=4, label=t) for m, edge, fill, t in dots]
     return [*bars, *marks]

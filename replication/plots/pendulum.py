@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -28,11 +29,7 @@ REST = 0.5  # s that the last picture stays
 def animate_trials(
     path: Path, trials: Sequence[tuple[str, Trial]], task: ThreeLinkCircleEnv, note: str = ""
 ) -> None:
-    """Write a GIF in real time with one panel per titled trial, side by side; short trials hold their end.
-
-    Args:
-        note: as of `style.save_figure`.
-    """
+    """Write a GIF in real time with one panel per titled trial, side by side; short trials hold their end."""
     figure = Figure(figsize=(3.2 * len(trials), 2.9), dpi=64, layout="constrained")
     parts = []
     for ax, (title, trial) in zip(figure.subplots(1, len(trials), squeeze=False)[0], trials, strict=True):
@@ -67,13 +64,10 @@ def animate(
     Args:
         clips: (title, joints [T, 4, 2] m at every control period, colour).
         period: s between the joints; every picture shows the state nearest to its time.
-        note: as of `style.save_figure`.
     """
     figure = Figure(figsize=(3.6 * len(clips), 3.0), dpi=72, layout="constrained")
-    lines = []
-    for ax, (title, joints, color) in zip(
-        figure.subplots(1, len(clips), squeeze=False)[0], clips, strict=True
-    ):
+    lines, axes = [], figure.subplots(1, len(clips), squeeze=False)[0]
+    for ax, (title, joints, color) in zip(axes, clips, strict=True):
         lines.append(draw_pendulum(ax, joints[0], paper, color, circle=False))
         ax.set_title(title, fontsize=10)
 
@@ -113,16 +107,11 @@ def _write(
         for artist in (clock, *moving):
             figure.draw_artist(artist)
         pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS))
-    milliseconds = round(1000 * stride * period)
+    first, *others = pictures
+    options: dict[str, Any] = {"append_images": others, "duration": round(1000 * stride * period)}
+    options[provenance.GIF_KEY] = provenance.made_by()
     with beside(path) as temporary:
-        pictures[0].save(
-            temporary,
-            save_all=True,
-            append_images=pictures[1:],
-            duration=milliseconds,
-            loop=0,
-            **{provenance.GIF_KEY: provenance.made_by()},
-        )
+        first.save(temporary, save_all=True, loop=0, **options)
 
 
 def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
@@ -132,11 +121,10 @@ def draw_task(ax: Axes, pose: Floats, zero: Floats, paper: Paper) -> None:
     before = np.array([0.0, 1.0])
     for i, (start, end) in enumerate(pairwise(pose), start=1):
         ax.plot(*np.stack([start, start + 0.55 * before]).T, ":", color=GUIDE, linewidth=1)
-        between = before + (end - start) / np.linalg.norm(end - start)
-        ax.annotate(
-            rf"$\theta_{i}$", start + 0.62 * between / np.linalg.norm(between), ha="center", va="center"
-        )
-        before = (end - start) / np.linalg.norm(end - start)
+        along = (end - start) / np.linalg.norm(end - start)
+        place = start + 0.62 * (before + along) / np.linalg.norm(before + along)
+        ax.annotate(rf"$\theta_{i}$", place, ha="center", va="center")
+        before = along
     left, height = -paper.circle_radius, paper.circle_height
     arrow = {"arrowstyle": "->", "color": TARGET}
     ax.annotate("", (left + 0.01, height + 0.12), (left, height - 0.06), arrowprops=arrow)

@@ -60,18 +60,9 @@ def use_style() -> None:
     """Set matplotlib's defaults for every figure of the replication."""
     import seaborn as sns  # here, since it is slow to import and a training run draws without it
 
-    sns.set_theme(context="paper", style="ticks", font_scale=1.0)
-    mpl.rcParams.update(
-        {
-            "figure.dpi": 100,
-            "savefig.dpi": 160,
-            "pdf.fonttype": 42,
-            "svg.hashsalt": "srlrepro",
-            "legend.frameon": False,
-            "axes.titlesize": 10,
-            "figure.constrained_layout.use": True,
-        }
-    )
+    own = {"figure.dpi": 100, "savefig.dpi": 160, "pdf.fonttype": 42, "svg.hashsalt": "srlrepro"}
+    own |= {"legend.frameon": False, "axes.titlesize": 10, "figure.constrained_layout.use": True}
+    sns.set_theme(context="paper", style="ticks", rc=own)
 
 
 def color(name: str) -> str:
@@ -94,17 +85,11 @@ def label(name: str) -> str:
 def panels(
     count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc"
 ) -> tuple[Figure, list[Axes]]:
-    """A row of panels, lettered as in the paper and on from there; no letters if ``letters`` is empty.
-
-    Returns:
-        The figure and its axes, from left to right.
-    """
+    """A row of panels, lettered on from the first of ``letters``, if there are any: figure and axes."""
     figure, axes = plt.subplots(1, count, figsize=(width * count, height), squeeze=False)
-    row = list(axes[0])
-    for i, ax in enumerate(row if letters else []):
-        letter = letters[i] if i < len(letters) else chr(ord(letters[-1]) + 1 + i - len(letters))
-        ax.set_title(f"({letter})", loc="left", fontweight="bold")
-    return figure, row
+    for i, ax in enumerate(axes[0] if letters else []):
+        ax.set_title(f"({chr(ord(letters[0]) + i)})", loc="left", fontweight="bold")
+    return figure, list(axes[0])
 
 
 def fit_note(note: str, figure: Figure) -> str:
@@ -125,10 +110,8 @@ def save_figure(figure: Figure, folder: str | Path, name: str, table: pd.DataFra
     if note:
         figure.suptitle(fit_note(note, figure), color=STAMP, fontsize=9, fontweight="bold")
     made = provenance.made_by()
-    for suffix, metadata in (
-        (".pdf", {"CreationDate": None, "Producer": None, provenance.PDF_KEY: made}),
-        (".png", {"Software": None, provenance.PNG_KEY: made}),
-    ):
-        with beside(Path(folder) / f"{name}{suffix}") as temporary:
+    pdf = {"CreationDate": None, "Producer": None, provenance.PDF_KEY: made}
+    for suffix, metadata in (("pdf", pdf), ("png", {"Software": None, provenance.PNG_KEY: made})):
+        with beside(Path(folder) / f"{name}.{suffix}") as temporary:
             figure.savefig(temporary, metadata=metadata)
     write_table(Path(folder) / f"{name}.csv", table, digits=6)
