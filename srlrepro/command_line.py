@@ -1,6 +1,6 @@
-"""What every command line of the project shares: one line for a refusal, and an exit status that tells.
+"""What every command line of the project shares: a refusal is one line, with an exit status.
 
-Wrong use gives one line and 2; a missing, broken or unwritable result gives one line and 1.
+Wrong use gives 2; a missing, broken or unwritable result gives 1.
 """
 
 import argparse

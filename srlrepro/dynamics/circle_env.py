@@ -18,6 +18,8 @@ from srlrepro.settings.fields import check
 if TYPE_CHECKING:
     from srlrepro.dynamics.rendering import PendulumView
 
+Seen = NDArray[np.float32]  # an observation
+Info = dict[str, Any]
 Circle = tuple[float, float, float]  # height of the centre (m), radius (m), speed (rad/s)
 TIME_OVER = 10  # beside the outcomes of `hold_torque`
 ENDS = {0: "", HIT_GROUND: "hit the ground", NOT_RECOVERED: "diverged", TIME_OVER: "time limit"}
@@ -72,7 +74,7 @@ def advance(task: Task, state: State, action: Torque, period: int) -> tuple[Stat
 
 
 @jit
-def observe(task: Task, state: State, period: int, out: NDArray[np.float32]) -> None:
+def observe(task: Task, state: State, period: int, out: Seen) -> None:
     """Observation [8]: the state in units of ``scale``, sine and cosine of the target's phase."""
     for j in range(6):
         out[j] = state[j] / task.scale[j]
@@ -80,7 +82,7 @@ def observe(task: Task, state: State, period: int, out: NDArray[np.float32]) -> 
     out[6], out[7] = np.sin(phase), np.cos(phase)
 
 
-class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
     """Track the circle with the pendulum of mismatch Δ.
 
     Observation [8]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
@@ -114,28 +116,20 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         modes = self.metadata["render_modes"]
         check(render_mode in (None, *modes), "render_mode", render_mode, f"None or one of {modes}")
         self.config, self.render_mode, paper = config, render_mode, config.paper
-        loop = ClosedLoop.from_config(config, delta)
+        loop, dt = ClosedLoop.from_config(config, delta), config.choices.control_period
         self.pendulum, self.rule = loop.system, loop.rule
-        self.metadata = self.metadata | {"render_fps": round(1.0 / self.rule.control_period)}
-        largest = paper.torque_limit / config.choices.action_unit
+        self.metadata = self.metadata | {"render_fps": round(1.0 / dt)}
+        limit, unit = paper.torque_limit, config.choices.action_unit
+        largest = limit / unit
         self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
-        self.state: Floats = np.zeros(6)
-        self.period = 0
+        self.state, self.period = np.zeros(6), 0
         scaled = config.choices.observation == "scaled"
-        self.observation_scale: Floats = np.array(paper.state_max) if scaled else np.ones(6)
-        self.arrays = Task(
-            self.pendulum.coefficients,
-            self.pendulum.lengths,
-            self.rule.limits,
-            (paper.circle_height, paper.circle_radius, paper.circle_speed),
-            (paper.reward_constant, paper.reward_slope),
-            paper.torque_limit,
-            config.choices.action_unit,
-            self.observation_scale,
-            self.rule.control_period,
-            round(length / self.rule.control_period),
-        )
+        self.observation_scale = scale = np.array(paper.state_max) if scaled else np.ones(6)
+        moving = self.pendulum.coefficients, self.pendulum.lengths, self.rule.limits
+        circle = paper.circle_height, paper.circle_radius, paper.circle_speed
+        reward = paper.reward_constant, paper.reward_slope
+        self.arrays = Task(*moving, circle, reward, limit, unit, scale, dt, round(length / dt))
         self._view: PendulumView | None = None
 
     @property
@@ -143,9 +137,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """s since the trial started."""
         return self.period * self.rule.control_period
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
         """Start a trial at the origin (Sec. IV-B), or at ``options["state"]`` [6]."""
         super().reset(seed=seed)
         start = np.zeros(6) if options is None else np.asarray(options.get("state", np.zeros(6)), np.float64)
@@ -155,9 +147,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return self.observation(), {"outcome": ""}
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Seen, float, bool, bool, Info]:
         """One control period."""
         a = np.asarray(action, dtype=np.float64)
         state, reward, ended = advance(self.arrays, as_state(self.state), (a[0], a[1], a[2]), self.period)
@@ -168,7 +158,7 @@ class ThreeLinkCircleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return self.observation(), float(reward), terminated, truncated, {"outcome": ENDS[ended]}
 
-    def observation(self) -> NDArray[np.float32]:
+    def observation(self) -> Seen:
         """What π sees now, [8]."""
         out = np.empty(8, np.float32)
         observe(self.arrays, as_state(self.state), self.period, out)

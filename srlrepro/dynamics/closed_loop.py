@@ -38,26 +38,15 @@ OUTCOMES = {RECOVERED: "recovered", HIT_GROUND: "hit the ground", NOT_RECOVERED:
 
 @dataclass(frozen=True)
 class RecoveryRule:
-    """When a closed-loop rollout ends, and how it is integrated.
+    """When a closed-loop rollout ends, and how it is integrated."""
 
-    Attributes:
-        control_period: s; ``substeps``: Runge-Kutta steps per control period.
-        recovery_horizon: s, time that K has to recover the system.
-        theta1_max: rad, |θ1| at which the first link lies on the ground.
-        recovered_angle, recovered_rate: rad and rad/s, the box |θ_i|, |θ̇_i| that counts as upright.
-        rate_bound: rad/s, |θ̇_i| at which a rollout is given up: the integration is no longer accurate.
-
-    Raises:
-        ParameterError: a value is not allowed.
-    """
-
-    control_period: float = Choices.control_period
-    substeps: int = Choices.substeps
-    recovery_horizon: float = Choices.recovery_horizon
-    theta1_max: float = Paper.theta1_max
-    recovered_angle: float = Choices.recovered_angle
-    recovered_rate: float = Choices.recovered_rate
-    rate_bound: float = Choices.rate_bound
+    control_period: float = Choices.control_period  # s
+    substeps: int = Choices.substeps  # Runge-Kutta steps per control period
+    recovery_horizon: float = Choices.recovery_horizon  # s that K has to recover the system
+    theta1_max: float = Paper.theta1_max  # rad, |θ1| at which the first link lies on the ground
+    recovered_angle: float = Choices.recovered_angle  # rad, |θ_i| that counts as upright
+    recovered_rate: float = Choices.recovered_rate  # rad/s, |θ̇_i| that counts as upright
+    rate_bound: float = Choices.rate_bound  # rad/s, |θ̇_i| where the integration is no longer accurate
 
     def __post_init__(self) -> None:
         check_parameters(vars(self))

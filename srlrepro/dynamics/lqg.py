@@ -65,27 +65,19 @@ def lqg_update(gains: Gains, xbar: Floats, y: Floats, u: Floats) -> None:
 class LQG:
     """K(x) for one nominal system; see the module for the problem that it solves.
 
-    Attributes:
-        nominal: the system that K is derived from (Δ = 1).
-        control_period: sampling period, s.
-        lqr_angle_weight, lqr_rate_weight: Q = diag(angle weight · I₃, rate weight · I₃), 1/rad² and s²/rad².
-        lqr_torque_weight: R = torque weight · I₃, 1/(N·m)².
-        torque_noise, angle_noise, rate_noise: σ_w N·m, σ_θ rad, σ_θ̇ rad/s.
-        torque_limit: saturation of each torque, N·m.
-
     Raises:
         ParameterError: a value is not allowed, or the "nominal" system has Δ ≠ 1.
     """
 
     nominal: ThreeLinkPendulum = ThreeLinkPendulum()
-    control_period: float = Choices.control_period
-    lqr_angle_weight: float = Choices.lqr_angle_weight
-    lqr_rate_weight: float = Choices.lqr_rate_weight
-    lqr_torque_weight: float = Choices.lqr_torque_weight
-    torque_noise: float = Choices.torque_noise
-    angle_noise: float = Choices.angle_noise
-    rate_noise: float = Choices.rate_noise
-    torque_limit: float = Paper.torque_limit
+    control_period: float = Choices.control_period  # s
+    lqr_angle_weight: float = Choices.lqr_angle_weight  # first three of diag Q, 1/rad²
+    lqr_rate_weight: float = Choices.lqr_rate_weight  # last three of diag Q, s²/rad²
+    lqr_torque_weight: float = Choices.lqr_torque_weight  # diag R, 1/(N·m)²
+    torque_noise: float = Choices.torque_noise  # σ_w, N·m
+    angle_noise: float = Choices.angle_noise  # σ_θ, rad
+    rate_noise: float = Choices.rate_noise  # σ_θ̇, rad/s
+    torque_limit: float = Paper.torque_limit  # saturation of each torque, N·m
 
     def __post_init__(self) -> None:
         check_parameters(vars(self))

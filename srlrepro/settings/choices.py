@@ -14,14 +14,12 @@ class Choices:
     """
 
     # fmt: off
-    gravity: float = chosen("physics", 9.81, "(0, inf)", "m/s²", "gravitational acceleration",
-        "standard value")
+    gravity: float = chosen("physics", 9.81, "(0, inf)", "m/s²", "acceleration by gravity", "standard value")
     control_period: float = chosen("physics", 0.01, "(0, 0.1]", "s", "period of π, h and K",
         "the sampled K keeps upright stable for every Δ of the paper, with room to spare")
     substeps: int = chosen("physics", 8, "[1, 100]", "", "Runge-Kutta steps per control period",
         "labels of UD states equal those of much finer steps; the outer links are light and fast")
-    trial_length: float = chosen("task", 4.0, "(0, 600]", "s", "length of a trial",
-        "two rounds of the circle")
+    trial_length: float = chosen("task", 4.0, "(0, 600]", "s", "length of a trial", "twice round the circle")
     total_steps: int = chosen("learner", 1_500_000, "[2, inf)", "", "training steps of a full run",
         "set-up condition: free PPO at Δ = 1.1 has levelled off (06_learning_performance)")
     quick_steps: int = chosen("learner", 20_480, "[2, inf)", "", "training steps of a --quick run",
@@ -36,11 +34,9 @@ class Choices:
         "Kalman filter: std of the disturbance torque",
         "a tenth of the torque limit; smaller values trust the wrong model too much and lose Δ = 4")
     angle_noise: float = chosen("physics", 1e-3, "(0, inf)", "rad",
-        "Kalman filter: std of the measured angles",
-        "an ordinary joint encoder")
+        "Kalman filter: std of the measured angles", "an ordinary joint encoder")
     rate_noise: float = chosen("physics", 1e-2, "(0, inf)", "rad/s",
-        "Kalman filter: std of the measured rates",
-        "the same, differentiated over 0.1 s")
+        "Kalman filter: std of the measured rates", "the same, differentiated over 0.1 s")
     recovery_horizon: float = chosen("physics", 5.0, "(0, 60]", "s", "time that K has to recover",
         "longer than the slowest recovery from UD, which is at Δ = 4")
     recovered_angle: float = chosen("physics", 0.1, "(0, 1]", "rad", "|θ_i| that counts as upright",
@@ -62,8 +58,7 @@ class Choices:
     omega_step: float = chosen("region", 0.05, "(0, 1]", "s", "ω: time between compared states",
         "K settles in about 1 s")
     omega_horizon: float = chosen("region", 5.0, "(0, 60]", "s",
-        "ω: compared time, or the horizon of K if that is shorter",
-        "the horizon of K")
+        "ω: compared time, or the horizon of K if that is shorter", "the horizon of K")
     label_gap: float = chosen("region", 1.0, "[0, 10]", "", "Ω: δ, added where labels differ",
         "set-up condition: safe and unsafe are clearly separated in Y; the calibration does not depend on it")
     perplexity: float = chosen("region", 30.0, "[1, 1000]", "", "t-SNE: perplexity", "openTSNE's default")
@@ -85,8 +80,7 @@ class Choices:
         "the origin joins the training states of Ψ and Γ as one more safe state",
         "set-up condition: the origin is known to be safe; without this, regions of α = 1 can deny it")
     data_per_seed: bool = chosen("learner", False, "true|false", "",
-        "one training dataset per seed instead of one per α",
-        "Fig. 2 shows one per α")
+        "one training dataset per seed instead of one per α", "Fig. 2 shows one per α")
     observation: str = chosen("task", "state", "state|scaled", "",
         "what π sees: x itself or x in half ranges of App. C; and the sine and cosine of the target's phase",
         "the paper's π(x) sees x; the target moves, so that without its phase the task is no function of x")

@@ -13,23 +13,18 @@ class Paper:
     # fmt: off
     link_length: float = stated("physics", 1.0, "(0, inf)", "m", "length of each link", "Sec. IV-A")
     link_mass: float = stated("physics", 1.0, "(0, inf)", "kg", "nominal mass of each link", "Sec. IV-A")
-    torque_limit: float = stated("physics", 100.0, "(0, inf)", "N·m", "largest torque of each joint",
-        "Sec. IV-A")
-    circle_height: float = stated("task", 2.7, "(-inf, inf)", "m", "height of the circle's centre (0, 2.7)",
-        "Fig. 1")
+    torque_limit: float = stated("physics", 100.0, "(0, inf)", "N·m", "limit of each torque", "Sec. IV-A")
+    circle_height: float = stated("task", 2.7, "(-inf, inf)", "m", "height of the circle's centre", "Fig. 1")
     circle_radius: float = stated("task", 0.3, "(0, inf)", "m", "radius r of the target circle", "Fig. 1")
-    circle_speed: float = stated("task", math.pi, "(0, inf)", "rad/s", "angular velocity of the target",
-        "Sec. IV-A")
-    theta1_max: float = stated("physics", math.pi / 2, "(0, inf)", "rad", "UD range of θ1; the ground",
-        "App. C")
+    circle_speed: float = stated("task", math.pi, "(0, inf)", "rad/s", "speed of the target", "Sec. IV-A")
+    theta1_max: float = stated("physics", math.pi / 2, "(0, inf)", "rad", "UD range of θ1; ground", "App. C")
     theta23_max: float = stated("data", math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3", "App. C")
     rate1_max: float = stated("data", 10.0, "(0, inf)", "rad/s", "UD range of θ̇1", "App. C")
     rate23_max: float = stated("data", 20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3", "App. C")
     k: int = stated("data", 1000, "[4, inf)", "", "number of training states", "Sec. IV-B")
     p_t: float = stated("region", 0.8, "(0, 1)", "", "probability threshold of S_y, eq. (5)", "Sec. IV-A")
     reward_constant: float = stated("task", 2.0, "(-inf, inf)", "", "R_c, reward for being safe", "App. C")
-    reward_slope: float = stated("task", 10.0, "[0, inf)", "1/m", "penalty per distance to the target",
-        "App. C")
+    reward_slope: float = stated("task", 10.0, "[0, inf)", "1/m", "penalty per distance", "App. C")
     n_steps: int = stated("learner", 2048, "[2, inf)", "", "PPO: steps per update", "App. C")
     n_minibatches: int = stated("learner", 128, "[1, inf)", "", "PPO: minibatches per epoch", "App. C")
     n_epochs: int = stated("learner", 10, "[1, inf)", "", "PPO: epochs per update", "App. C")

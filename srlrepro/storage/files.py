@@ -126,9 +126,8 @@ def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]
         ResultError: the file is missing, too large, truncated, not of this kind, or an array holds neither
             numbers that the compiled code takes nor text.
     """
-    bounded_archive(path, f"{kind} file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with np.load(bounded_archive(path, f"{kind} file"), allow_pickle=False) as archive:
             if "format" not in archive or str(archive["format"]) != kind:
                 raise ResultError(f"{path} is not a {kind} file")
             arrays = {name: archive[name] for name in names}
