@@ -1,4 +1,4 @@
-"""The supervisor of eq. (6): π(x) until the first predicted-unsafe state, then K(x), then a new trial."""
+"""The supervisor of eq. (6): π(x) until the first state predicted unsafe, then K(x), then a new trial."""
 
 from typing import Any, NamedTuple
 
@@ -13,10 +13,13 @@ from srlrepro.dynamics.pendulum import Floats, jit
 from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Posterior, safe_probability
 from srlrepro.settings.fields import ParameterError, check
 
+Singles = NDArray[np.float32]
+Info = dict[str, Any]
 SUPERVISED = "supervised"
 STOCK = "stable-baselines3's PPO (--set learner=stock)"  # the way out where compiled code is not made for it
 NOT_TRIED = NOT_RECOVERED + 1  # an activation where the trial ends without K
 RECOVERIES = OUTCOMES | {NOT_TRIED: "not tried"}
+QUIET: Info = {"activated": False, "recovery": "", "recovery_time": 0.0}  # while K is not needed
 
 
 class Supervision(NamedTuple):
@@ -55,29 +58,24 @@ def supervise(supervision: Supervision, task: Task, x: Floats, ended: int) -> tu
         return 0, 0
     if not supervision.corrects:
         return NOT_TRIED, 0
-    return recover(
-        task.coefficients, supervision.gains, task.limits, supervision.periods, x, np.empty((0, 6))
-    )
+    no_path = np.empty((0, 6))
+    return recover(task.coefficients, supervision.gains, task.limits, supervision.periods, x, no_path)
 
 
-class Supervisor(
-    gym.Wrapper[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
-):
+class Supervisor(gym.Wrapper[Singles, Singles, Singles, Singles]):
     """Switch from π to K at the first state with h(x) = 0 (time t' of eq. 6).
 
     The state machine of a trial, checked after every control period of π:
 
     1. the environment *terminated* (the first link fell although every state before was predicted safe):
        the trial ends; this is a violation that the supervisor did not foresee;
-    2. else h(x) = 0: K is activated and runs on the real system until it has recovered it, or failed;
-       the trial ends. For the learner the trial *terminates* at x (or, if ``early_stop`` is
-       "truncate", is cut off there); the steps of K are not its steps, and carry no reward. If
-       ``corrective`` is "none", the trial ends in the same way, but K does not run;
+    2. else h(x) = 0: K is activated and runs on the real system until it has recovered it, or failed (not
+       if ``corrective`` is "none"); the trial ends. For the learner it *terminates* at x (or, if
+       ``early_stop`` is "truncate", is cut off there); the steps of K are not its steps, and carry no reward;
     3. else π goes on, until the time limit.
 
-    ``info`` of every step: ``activated``; ``recovery`` ("recovered", "hit the ground", "not recovered in
-    time", "not tried", or "" while K was not needed); ``recovery_time`` in s; and ``outcome`` of the trial,
-    which is "supervised" if K was activated, else the environment's.
+    ``info`` of every step: ``activated``; ``recovery`` (of `RECOVERIES`, or "" while K was not needed);
+    ``recovery_time`` in s; and ``outcome``: "supervised" if K was activated, else the environment's.
 
     With ``render_mode="human"``, the step that activates K shows the whole recovery in the window. With
     "rgb_array", ``render`` gives the last state of π, and `recovery_frames` the pictures that follow it. For
@@ -85,8 +83,7 @@ class Supervisor(
 
     Args:
         env: a `ThreeLinkCircleEnv`, wrapped or not.
-        region: the hypothesis h (or the labels l).
-        controller: K.
+        region: the hypothesis h (or the labels l); controller: K.
 
     Attributes:
         recovery: the rollout of K that ended the last trial, with its path, or None.
@@ -96,24 +93,19 @@ class Supervisor(
             the paper assumes that the origin is known to be safe (Sec. II-A), and π would never act.
     """
 
-    def __init__(
-        self, env: gym.Env[NDArray[np.float32], NDArray[np.float32]], region: Hypothesis, controller: LQG
-    ) -> None:
+    def __init__(self, env: gym.Env[Singles, Singles], region: Hypothesis, controller: LQG) -> None:
         super().__init__(env)
         task = env.unwrapped
         if not isinstance(task, ThreeLinkCircleEnv):
             raise ParameterError(f"env = {task}: must be a ThreeLinkCircleEnv")
         check(callable(getattr(region, "predict", None)), "region", region, "a hypothesis: with predict(x)")
         check(isinstance(controller, LQG), "controller", controller, "an LQG, which compiled code knows")
-        self.task = task
-        self.region = region
+        self.task, self.region = task, region
         self.loop = ClosedLoop(task.pendulum, controller, task.rule)
         self.corrects = task.config.choices.corrective == "K"
         self.recovery: Rollouts | None = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Singles, Info]:
         """Start a trial; see the class for what it raises."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.recovery = None
@@ -121,14 +113,12 @@ class Supervisor(
             raise ParameterError(
                 "region: predicts the start of the trial as unsafe, so that π would never act"
             )
-        return observation, info | {"activated": False, "recovery": "", "recovery_time": 0.0}
+        return observation, info | QUIET
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Singles) -> tuple[Singles, float, bool, bool, Info]:
         """One control period of π and, if it is needed, the whole recovery by K."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        info |= {"activated": False, "recovery": "", "recovery_time": 0.0}
+        info |= QUIET
         if not terminated and not self._predicted_safe():
             info |= {"activated": True, "recovery": RECOVERIES[NOT_TRIED], "outcome": SUPERVISED}
             if self.corrects:
@@ -136,7 +126,7 @@ class Supervisor(
                 info["recovery"] = RECOVERIES[int(self.recovery.outcomes[0])]
                 info["recovery_time"] = float(self.recovery.durations[0])
                 if self.task.render_mode == "human":
-                    self._draw_recovery()
+                    self.recovery_frames()
             terminated = self.task.config.choices.early_stop == "terminate"
             truncated = not terminated
         return observation, float(reward), terminated, truncated, info
@@ -150,14 +140,10 @@ class Supervisor(
         return self.recovery.paths[0, 1 : periods + 1]
 
     def recovery_frames(self) -> list[NDArray[np.uint8]]:
-        """Pictures [H, W, 3] of `recovery_path`, with ``render_mode="rgb_array"``."""
-        return [frame for frame in self._draw_recovery() if frame is not None]
-
-    def _draw_recovery(self) -> list[NDArray[np.uint8] | None]:
-        start, period = self.task.time, self.task.rule.control_period
-        return [
-            self.task.draw(x, start + n * period, ", K acts") for n, x in enumerate(self.recovery_path, 1)
-        ]
+        """Pictures [H, W, 3] of `recovery_path` in "rgb_array"; draws the window in "human"."""
+        path, start, dt = self.recovery_path, self.task.time, self.task.rule.control_period
+        drawn = [self.task.draw(x, start + n * dt, ", K acts") for n, x in enumerate(path, 1)]
+        return [frame for frame in drawn if frame is not None]
 
     @property
     def arrays(self) -> Supervision:

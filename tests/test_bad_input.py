@@ -25,13 +25,13 @@ from replication.evidence import claims
 from replication.evidence.claims import MEASURE_COLUMNS
 from srlrepro import samplers
 from srlrepro.__main__ import main as srlrepro
-from srlrepro.learner import training
 from srlrepro.region import safe_region
 from srlrepro.samplers import MultivariateNormal, TrainingData
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import ParameterError, one_line
 from srlrepro.settings.paper import Paper
+from srlrepro.storage import files
 from srlrepro.storage.made_of import MadeOf
 from workflow import driver, engine, notebooks, plan
 from workflow.__main__ import main as workflow
@@ -166,7 +166,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (engine, "run_workflow"),
         (samplers, "visited_states"),
         (safe_region, "embed"),
-        (training, "require_writable"),
+        (files, "require_writable"),
         (notebooks, "require_writable"),
         (claims, "judge_claims"),
     ]:

@@ -2,7 +2,6 @@ r"""A multilayer perceptron with tanh units and Adam, compiled; on arrays that t
 
 A layer computes a_l = tanh(W_l a_{l-1} + b_l), the last one W a + b. Columns are samples: activations are
 [units, B], weights [out, in] as torch stores them, so that no product has a transposed right factor.
-
 The passes work for float32 and float64. In float32, tanh is the twelfth-order Lambert continued fraction
 x / (1 + x² / (3 + x² / (5 + …))): it differs from the exact value by three units of rounding at most, and it
 vectorises where the C library's function does not.
@@ -13,11 +12,13 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import njit
+from numpy.polynomial.polynomial import polyadd, polymulx
 from numpy.typing import NDArray
 
 from srlrepro.dynamics.pendulum import Function, jit
 
 Reals = NDArray[np.floating[Any]]
+Integers = NDArray[np.int64]
 FLAT = np.float32(9.0)  # |x| beyond which tanh x is 1 in float32
 LEVELS = 13  # of the continued fraction
 TINY = 1e-30  # keeps the reciprocal root of Adam's second moment finite where that moment is 0
@@ -30,10 +31,9 @@ def fused(function: Function) -> Function:
 
 def _lambert(levels: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Coefficients in x², highest first, of P and Q, where x P(x²) / Q(x²) is the truncated fraction."""
-    p, q = [Fraction(1)], [Fraction(2 * levels - 1)]
+    p, q = np.array([Fraction(1)]), np.array([Fraction(2 * levels - 1)])
     for odd in range(2 * levels - 3, 0, -2):
-        higher = [Fraction(0), *p] + [Fraction(0)] * (len(q) - len(p) - 1)
-        p, q = q, [odd * (q[i] if i < len(q) else 0) + higher[i] for i in range(len(higher))]
+        p, q = q, polyadd(odd * q, polymulx(p))
     return tuple(np.float32(c / q[0]) for c in p[::-1]), tuple(np.float32(c / q[0]) for c in q[::-1])
 
 
@@ -106,33 +106,21 @@ def tanh(x: Reals) -> None:
 
 
 @jit
-def _activate(sums: Reals, bias: Reals) -> None:
-    """Replace sums [units, B] by tanh(sums + bias), bias [units]."""
-    for i in range(sums.shape[0]):
-        for j in range(sums.shape[1]):
-            x = sums[i, j] + bias[i]
-            sums[i, j] = np.tanh(x) if sums.itemsize == 8 else _fraction(x)
-
-
-@jit
-def transpose(a: Reals, out: Reals) -> None:
-    """Write a [N, B] to out [B, N]."""
-    for j in range(a.shape[1]):
-        for i in range(a.shape[0]):
-            out[j, i] = a[i, j]
-
-
-@jit
 def forward(network: Network, memory: Passes) -> None:
     """From ``inputs[0]`` to ``output``; keeps what each layer received."""
     last = len(network.weights) - 1
     for layer in range(last + 1):
+        received, bias = memory.inputs[layer], network.biases[layer]
         into = memory.output if layer == last else memory.inputs[layer + 1]
-        np.dot(network.weights[layer], memory.inputs[layer], into)
-        if layer < last:
-            _activate(into, network.biases[layer])
+        if memory.ones.size == 1:  # matrix-vector products
+            np.dot(network.weights[layer], received.ravel(), into.ravel())
         else:
-            into += network.biases[layer].reshape(-1, 1)
+            np.dot(network.weights[layer], received, into)
+        for i in range(into.shape[0]):
+            for j in range(into.shape[1]):
+                into[i, j] += bias[i]
+        if layer < last:
+            tanh(into.ravel())
 
 
 @jit
@@ -144,7 +132,7 @@ def backward(network: Network, memory: Passes, gradient: Network) -> None:
         if layer == last:  # few rows: a transposed right factor costs less than a transposition
             np.dot(delta, received.T, gradient.weights[layer])
         else:
-            transpose(received, memory.across[layer])
+            memory.across[layer][:] = received.T
             np.dot(delta, memory.across[layer], gradient.weights[layer])
         np.dot(delta, memory.ones, gradient.biases[layer])
         if layer > 0:
@@ -155,46 +143,26 @@ def backward(network: Network, memory: Passes, gradient: Network) -> None:
                 flat[i] *= one - unit[i] * unit[i]  # tanh' = 1 − tanh²
 
 
-@jit
-def forward_one(network: Network, memory: Passes) -> None:
-    """`forward` for one sample ([in, 1]), with matrix-vector products."""
-    last = len(network.weights) - 1
-    for layer in range(last + 1):
-        into = (memory.output if layer == last else memory.inputs[layer + 1]).ravel()
-        np.dot(network.weights[layer], memory.inputs[layer].ravel(), into)
-        bias = network.biases[layer]
-        for i in range(into.size):
-            into[i] += bias[i]
-        if layer < last:
-            tanh(into)
-
-
 @fused
 def adam(
-    parameters: Reals,
-    gradient: Reals,
-    mean: Reals,
-    square: Reals,
-    factor: float,
-    optimizer: Optimizer,
-    step: int,
+    values: Reals, gradient: Reals, mean: Reals, square: Reals, factor: float, optimizer: Optimizer, step: int
 ) -> None:
     """One step of Adam with bias correction (Kingma & Ba, 2015), as torch does it, on flat arrays.
 
-    mean, square: running moments, updated; factor: multiplies the gradient; step: from 1, beyond those that
-    the optimizer has done. √v is computed as v / √v, whose reciprocal root the processor estimates faster
-    than it divides.
+    values: the parameters, updated; mean, square: running moments, updated; factor: multiplies the gradient;
+    step: from 1, beyond those that the optimizer has done. √v is computed as v / √v, whose reciprocal root
+    the processor estimates faster than it divides.
     """
-    number = parameters.dtype.type
+    number = values.dtype.type
     (keep1, keep2), step = optimizer.betas, optimizer.steps + step
     fresh1, fresh2, old2 = number(1 - keep1), number(1 - keep2), number(keep2)
     size = number(optimizer.rate / (1 - keep1**step))
     scale = number(1 / np.sqrt(1 - keep2**step))
     small, clip, one, tiny = number(optimizer.eps), number(factor), number(1), number(TINY)
-    for i in range(parameters.size):
+    for i in range(values.size):
         g = clip * gradient[i]
         m = mean[i] + fresh1 * (g - mean[i])
         v = old2 * square[i] + fresh2 * g * g
         mean[i], square[i] = m, v
         root = v * (one / np.sqrt(v + tiny))
-        parameters[i] -= size * m / (root * scale + small)
+        values[i] -= size * m / (root * scale + small)

@@ -94,8 +94,8 @@ class CompiledPPO(PPO):
             "target_kl": self.target_kl is None,
         }
         for name, ok in covered.items():
-            value = getattr(self, name, "of this kind")
-            check(ok, name, value, f"one that CompiledPPO covers; {STOCK} has them all")
+            allowed = f"one that CompiledPPO covers; {STOCK} has them all"
+            check(ok, name, getattr(self, name, "of this kind"), allowed)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_views"]
@@ -111,7 +111,6 @@ class CompiledPPO(PPO):
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
         """Fill the buffer with the current policy's steps; False if a callback has stopped the training."""
-        assert self._last_obs is not None and self._last_episode_starts is not None
         self._refuse_what_is_not_covered()  # settings may have been changed since
         stack = Stack.of(env)
         if is_uncompiled(update) and (self.verbose or sys.stderr.isatty()):
@@ -121,29 +120,25 @@ class CompiledPPO(PPO):
         callback.on_rollout_start()
         steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.views()
         # with a stride, torch draws one number after the other, as it does for one action at a time
-        noise = torch.empty(2 * steps.actions.size)[::2].normal_().numpy().reshape(steps.actions.shape)
-        start, x = float(self._last_episode_starts[0]), task.state.copy()
-        period = collect(
-            stack.arrays, stack.supervision, policy, np.ascontiguousarray(noise), x, task.period, start, steps
-        )
+        noise = torch.empty(*steps.actions.shape, 2)[..., 0].normal_().contiguous().numpy()
+        x = task.state.copy()
+        period = collect(stack.arrays, stack.supervision, policy, noise, x, task.period, steps)
         stack.place(x, period)
-        expected = np.empty(n_rollout_steps + 1, np.float32)
-        values(learner.critic, learner.critic_passes, steps.observations, expected)
+        expected = values(learner.critic, learner.critic_passes, steps.observations)
         dones = (steps.ended != 0) | (steps.recoveries != 0)
         if not self._tell_callbacks(stack, steps, dones, callback):
             return False
         rewards = steps.rewards.astype(np.float32)
         cut_off = np.flatnonzero(steps.cut_off)
-        left = np.empty(cut_off.size, np.float32)
-        values(learner.critic, learner.critic_passes, steps.reached[cut_off], left)
+        left = values(learner.critic, learner.critic_passes, steps.reached[cut_off])
         rewards[cut_off] += np.float32(self.gamma) * left
-        for name in ("actions", "episode_starts", "log_probs"):
-            getattr(rollout_buffer, name)[:, 0] = getattr(steps, name)
-        rollout_buffer.observations[:, 0], rollout_buffer.rewards[:, 0] = steps.observations[:-1], rewards
-        rollout_buffer.values[:, 0] = expected[:-1]
+        gae = advantages(rewards, expected, dones, (self.gamma, self.gae_lambda))
+        columns = {"observations": steps.observations[:-1], "values": expected[:-1], "rewards": rewards}
+        columns |= {name: getattr(steps, name) for name in ("actions", "episode_starts", "log_probs")}
+        columns |= {"advantages": gae, "returns": gae + expected[:-1]}
+        for name, column in columns.items():
+            getattr(rollout_buffer, name)[:, 0] = column
         rollout_buffer.pos, rollout_buffer.full = n_rollout_steps, True
-        gae, returns = rollout_buffer.advantages[:, 0], rollout_buffer.returns[:, 0]
-        advantages(rewards, expected, dones, (self.gamma, self.gae_lambda), gae, returns)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
@@ -179,20 +174,11 @@ class CompiledPPO(PPO):
         group, states = optimizer.param_groups[0], list(optimizer.state.values())
         # the generator and the order of calls are those of the buffer's own sampling
         orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002
-        names = ("observations", "actions", "log_probs", "advantages", "returns")
-        flat = {name: getattr(buffer, name).reshape(self.n_steps, -1) for name in names}
-        samples = Samples(*(v if n in names[:2] else v[:, 0].copy() for n, v in flat.items()))
-        statistics = np.empty((orders.size // self.batch_size, len(STATISTICS)))
+        samples = Samples(*(np.squeeze(getattr(buffer, name)) for name in Samples._fields))
+        loss = Loss(clip_range, self.vf_coef, self.ent_coef, self.max_grad_norm, self.normalize_advantage)
         done = int(states[0]["step"])
-        update(
-            learner,
-            samples,
-            orders,
-            self.batch_size,
-            Loss(clip_range, self.vf_coef, self.ent_coef, self.max_grad_norm, self.normalize_advantage),
-            Optimizer(group["lr"], tuple(group["betas"]), group["eps"], done),
-            statistics,
-        )
+        adam = Optimizer(group["lr"], tuple(group["betas"]), group["eps"], done)
+        statistics = update(learner, samples, orders.reshape(-1, self.batch_size), loss, adam)
         for state in states:
             state["step"].fill_(done + len(statistics))
         self._n_updates += self.n_epochs

@@ -1,7 +1,6 @@
 """The steps of a rollout, compiled: π acts, the pendulum moves, the supervisor watches (eq. 6).
 
-The kernels called here are those of the environment, the region and the controller; this loop takes the
-place of the Python that calls them one period at a time.
+The kernels called here are those that the environment and its supervisor call, one period at a time.
 """
 
 from typing import NamedTuple
@@ -11,12 +10,9 @@ from numpy.typing import NDArray
 
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
 from srlrepro.dynamics.pendulum import Floats, as_state, jit
-from srlrepro.fast_ppo.network import Network, Passes, Reals, forward, forward_one
+from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, forward
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
-from srlrepro.supervisor import Supervision, supervise
-
-Singles = NDArray[np.float32]
-Codes = NDArray[np.int64]
+from srlrepro.supervisor import Singles, Supervision, supervise
 
 
 class Policy(NamedTuple):
@@ -48,17 +44,17 @@ class Steps(NamedTuple):
     episode_starts: Singles
     reached: Singles
     states: Floats
-    ended: Codes
-    cut_off: Codes
-    recoveries: Codes
-    recovery_periods: Codes
+    ended: Integers
+    cut_off: Integers
+    recoveries: Integers
+    recovery_periods: Integers
 
 
 @jit
 def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
     """Write a = μ(o) + σ ε, and return log π(a|o)."""
     policy.passes.inputs[0][:, 0] = observation
-    forward_one(policy.actor, policy.passes)
+    forward(policy.actor, policy.passes)
     log_prob = 0.0
     for j in range(action.size):
         std = np.exp(policy.log_std[j])
@@ -71,18 +67,11 @@ def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) 
 
 @jit
 def collect(
-    task: Task,
-    supervision: Supervision,
-    policy: Policy,
-    noise: Singles,
-    x: Floats,
-    period: int,
-    start: float,
-    steps: Steps,
+    task: Task, supervision: Supervision, policy: Policy, noise: Singles, x: Floats, period: int, steps: Steps
 ) -> int:
     """Take N steps from the state x [6] (updated), where ``period`` control periods of a trial are over.
 
-    noise: [N, 3] standard normal; start: 1.0 if a trial starts at x.
+    noise: [N, 3] standard normal.
 
     Returns:
         The control periods of the last trial that are over.
@@ -90,8 +79,7 @@ def collect(
     observation = np.empty(8, np.float32)
     observe(task, as_state(x), period, observation)
     for n in range(noise.shape[0]):
-        steps.observations[n] = observation
-        steps.episode_starts[n] = start
+        steps.observations[n], steps.episode_starts[n] = observation, period == 0
         action = steps.actions[n]
         steps.log_probs[n] = _act(policy, observation, noise[n], action)
         torque = (np.float64(action[0]), np.float64(action[1]), np.float64(action[2]))
@@ -104,9 +92,8 @@ def collect(
         observe(task, state, period, observation)
         steps.reached[n], steps.states[n], steps.ended[n] = observation, x, ended
         steps.rewards[n] = reward
-        start = 0.0
         if ended != 0 or recovery != 0:
-            x[:], period, start = 0.0, 0, 1.0
+            x[:], period = 0.0, 0
             observe(task, as_state(x), period, observation)
     steps.observations[noise.shape[0]] = observation
     return period
@@ -122,36 +109,30 @@ def blank(count: int) -> Steps:
 
 
 @jit
-def values(critic: Network, memory: Passes, observations: Singles, out: Singles) -> None:
+def values(critic: Network, memory: Passes, observations: Singles) -> Singles:
     """V [N] of observations [N, 8], as many at a time as the memory holds."""
-    batch = memory.output.shape[1]
+    batch, out = memory.ones.size, np.empty(len(observations), np.float32)
     for start in range(0, out.size, batch):
         count = min(batch, out.size - start)
-        for b in range(count):
-            for j in range(observations.shape[1]):
-                memory.inputs[0][j, b] = observations[start + b, j]
+        memory.inputs[0][:, :count] = observations[start : start + count].T
         forward(critic, memory)
         out[start : start + count] = memory.output[0, :count]
+    return out
 
 
 @jit
 def advantages(
-    rewards: Singles,
-    values: Singles,
-    dones: NDArray[np.bool_],
-    discounts: tuple[float, float],
-    gae: Singles,
-    returns: Singles,
-) -> None:
-    """Generalised advantage estimates [N] and returns [N], as stable-baselines3's buffer computes them.
+    rewards: Singles, values: Singles, dones: NDArray[np.bool_], discounts: tuple[float, float]
+) -> Singles:
+    """Generalised advantage estimates [N], as stable-baselines3's buffer computes them.
 
     values: [N + 1]; dones: [N]; discounts: (γ, λ).
     """
     gamma, decay = np.float32(discounts[0]), np.float32(discounts[0] * discounts[1])
-    running = np.float32(0)
+    running, gae = np.float32(0), np.empty_like(rewards)
     for n in range(rewards.size - 1, -1, -1):
         goes_on = np.float32(not dones[n])
         delta = rewards[n] + gamma * values[n + 1] * goes_on - values[n]
         running = delta + decay * goes_on * running
         gae[n] = running
-        returns[n] = running + values[n]
+    return gae

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from srlrepro.dynamics.circle_env import ENDS, TIME_OVER, Task, ThreeLinkCircleEnv
 from srlrepro.fast_ppo.rollout import Steps
 from srlrepro.settings.fields import ParameterError
-from srlrepro.supervisor import RECOVERIES, STOCK, SUPERVISED, UNSUPERVISED, Supervision, Supervisor
+from srlrepro.supervisor import QUIET, RECOVERIES, STOCK, SUPERVISED, UNSUPERVISED, Supervision, Supervisor
 
 MADE_BY_GYMNASIUM = (OrderEnforcing, PassiveEnvChecker, TimeLimit)  # the wrappers that `gymnasium.make` adds
 
@@ -83,18 +83,17 @@ class Stack:
         Trials are entered into the Monitor's books on the way.
         """
         monitor, dt = self.monitor, self.task.rule.control_period
-        lists = (steps.rewards, steps.ended, steps.cut_off, steps.recoveries)
-        told = enumerate(zip(*(numbers.tolist() for numbers in lists), strict=True))
-        for n, (reward, end, cut_off, recovery) in told:
+        columns = (steps.rewards, steps.ended, steps.cut_off, steps.recoveries, steps.recovery_periods)
+        rows = enumerate(zip(*(column.tolist() for column in columns), strict=True))
+        for n, (reward, end, cut_off, recovery, periods) in rows:
             monitor.rewards.append(reward)
             monitor.total_steps += 1
             by_wrapper = end == TIME_OVER and len(monitor.rewards) < self.task.arrays.periods
             info: dict[str, Any] = {"outcome": "" if by_wrapper else ENDS[end]}
             if self.supervisor is not None:
-                info["activated"] = recovery != 0
-                info["recovery"] = RECOVERIES[recovery] if recovery else ""
-                info["recovery_time"] = int(steps.recovery_periods[n]) * dt if recovery else 0.0
+                info |= QUIET
             if recovery:
+                info |= {"activated": True, "recovery": RECOVERIES[recovery], "recovery_time": periods * dt}
                 info["outcome"] = SUPERVISED
             info["TimeLimit.truncated"] = bool(cut_off)
             if end or recovery:

@@ -31,12 +31,9 @@ def addresses(policy: ActorCriticPolicy, batch: int) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _linear(*modules: nn.Module) -> list[nn.Linear]:
-    """The layers of one of the policy's two networks, first to last."""
-    return [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
-
-
-def _network(layers: list[nn.Linear], views: dict[torch.Tensor, torch.Tensor]) -> Network:
+def _network(views: dict[torch.Tensor, torch.Tensor], *modules: nn.Module) -> Network:
+    """One of the policy's two networks, as arrays; its modules, first to last."""
+    layers = [layer for module in modules for layer in module.modules() if isinstance(layer, nn.Linear)]
     weights = tuple(views[layer.weight].numpy() for layer in layers)
     return Network(weights, tuple(views[layer.bias].numpy() for layer in layers))
 
@@ -49,12 +46,10 @@ def make_views(policy: ActorCriticPolicy, batch: int) -> Views:
     parameters: list[torch.Tensor] = list(policy.parameters())
     sizes = [-(-p.numel() // ALIGNMENT) * ALIGNMENT for p in parameters]
     flats = [torch.zeros(sum(sizes), dtype=parameters[0].dtype) for _ in range(4)]
+    split = (torch.split(flat, sizes) for flat in flats)
     values, gradients, *moments = (
-        {
-            p: part[: p.numel()].view(p.shape)
-            for p, part in zip(parameters, torch.split(flat, sizes), strict=True)
-        }
-        for flat in flats
+        {p: part[: p.numel()].view(p.shape) for p, part in zip(parameters, parts, strict=True)}
+        for parts in split
     )
     for p in parameters:
         state = policy.optimizer.state[p]
@@ -65,13 +60,13 @@ def make_views(policy: ActorCriticPolicy, batch: int) -> Views:
             state[name] = views[p]
         values[p].copy_(p.data)
         p.data = values[p]
-    actor = _linear(policy.mlp_extractor.policy_net, policy.action_net)
-    critic = _linear(policy.mlp_extractor.value_net, policy.value_net)
-    networks = _network(actor, values), _network(critic, values)
+    actor = policy.mlp_extractor.policy_net, policy.action_net
+    critic = policy.mlp_extractor.value_net, policy.value_net
+    networks = _network(values, *actor), _network(values, *critic)
     actor_passes, critic_passes = (passes(network, batch) for network in networks)
     critic_passes = critic_passes._replace(inputs=(actor_passes.inputs[0], *critic_passes.inputs[1:]))
     log_std, by_log_std = values[policy.log_std].numpy(), gradients[policy.log_std].numpy()
-    by_parameters = _network(actor, gradients), _network(critic, gradients)
+    by_parameters = _network(gradients, *actor), _network(gradients, *critic)
     parts = (*networks, log_std, *by_parameters, by_log_std)
     everything, gradient, mean, square = (flat.numpy() for flat in flats)
     learner = Learner(*parts, everything, gradient, mean, square, actor_passes, critic_passes)

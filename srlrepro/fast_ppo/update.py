@@ -1,4 +1,4 @@
-r"""One update of PPO, compiled: all epochs over a rollout, as stable-baselines3's ``PPO.train`` does them.
+r"""The gradient steps of PPO, compiled: as stable-baselines3's ``PPO.train`` takes them.
 
 For a minibatch of B samples (o, a) with advantages A (normalised over the minibatch), returns R and
 log π_old(a|o), the gradient step is one of Adam on
@@ -12,10 +12,9 @@ gradient's norm is clipped. All sums over samples are in double precision; the n
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from srlrepro.dynamics.pendulum import Floats, jit
-from srlrepro.fast_ppo.network import Network, Optimizer, Passes, Reals, adam, backward, forward
+from srlrepro.fast_ppo.network import Integers, Network, Optimizer, Passes, Reals, adam, backward, forward
 
 HALF_LOG_2PI = 0.5 * np.log(2 * np.pi)
 STATISTICS = ("policy_gradient_loss", "value_loss", "clip_fraction", "entropy_loss", "approx_kl", "loss")
@@ -67,14 +66,12 @@ class Loss(NamedTuple):
 
 @jit
 def loss_gradient(
-    learner: Learner, samples: Samples, index: NDArray[np.int64], loss: Loss, statistics: Floats
+    learner: Learner, samples: Samples, index: Integers, loss: Loss, statistics: Floats
 ) -> None:
     """Gradient of the loss of the minibatch ``index`` [B]; writes `STATISTICS` [6]."""
     actor, critic = learner.actor_passes, learner.critic_passes
     batch, actions = index.size, learner.log_std.size
-    for b in range(batch):
-        for j in range(samples.observations.shape[1]):
-            actor.inputs[0][j, b] = samples.observations[index[b], j]
+    actor.inputs[0][:] = samples.observations[index].T
     forward(learner.actor, actor)
     forward(learner.critic, critic)
     center, spread = 0.0, 1.0
@@ -123,27 +120,13 @@ def loss_gradient(
 
 
 @jit
-def update(
-    learner: Learner,
-    samples: Samples,
-    orders: NDArray[np.int64],
-    batch: int,
-    loss: Loss,
-    optimizer: Optimizer,
-    statistics: Floats,
-) -> None:
-    """All gradient steps of an update, in place.
-
-    orders: [epochs, N] the order of the samples in each epoch; batch: a divisor of N.
-    statistics: [gradient steps, 6], written.
-    """
-    step = 0
-    for epoch in range(orders.shape[0]):
-        for start in range(0, orders.shape[1], batch):
-            index = orders[epoch, start : start + batch]
-            loss_gradient(learner, samples, index, loss, statistics[step])
-            norm = np.sqrt(np.dot(learner.gradient, learner.gradient))
-            factor = min(loss.max_grad_norm / (norm + 1e-6), 1.0)
-            step += 1
-            moments = learner.mean, learner.square
-            adam(learner.parameters, learner.gradient, *moments, factor, optimizer, step)
+def update(learner: Learner, samples: Samples, orders: Integers, loss: Loss, optimizer: Optimizer) -> Floats:
+    """Take gradient steps, one for each minibatch of orders [steps, B]; returns `STATISTICS` [steps, 6]."""
+    statistics = np.empty((len(orders), len(STATISTICS)))
+    for step in range(len(orders)):
+        loss_gradient(learner, samples, orders[step], loss, statistics[step])
+        norm = np.sqrt(np.dot(learner.gradient, learner.gradient))
+        factor = min(loss.max_grad_norm / (norm + 1e-6), 1.0)
+        moments = learner.mean, learner.square
+        adam(learner.parameters, learner.gradient, *moments, factor, optimizer, step + 1)
+    return statistics

@@ -16,17 +16,13 @@ from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.checkpoint import Progress, save
 from srlrepro.storage.files import ResultError
+from srlrepro.supervisor import QUIET
 
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
-SHORTEST = 256  # steps that a row of the learning curve averages over, at least
 
 
 def require_finite(model: BaseAlgorithm) -> None:
-    """Refuse a policy that has diverged.
-
-    Raises:
-        ResultError: one of its parameters is not a finite number.
-    """
+    """Raise `ResultError` if the policy has diverged: one of its parameters is not a finite number."""
     for name, values in model.policy.state_dict().items():
         if not torch.isfinite(values).all():
             raise ResultError(
@@ -40,8 +36,7 @@ class Recorder(BaseCallback):
 
     Args:
         progress: what has been collected so far; grows in place.
-        steps: total training steps.
-        stride: steps between two states that are kept.
+        steps: of the whole training; stride: between two states that are kept.
         scale: [6] units of the observed state.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
         report: receives sparse lines when no terminal shows the bar.
@@ -83,17 +78,9 @@ class Recorder(BaseCallback):
                 reached = info.get("terminal_observation", observation)
                 self.progress.visited.append(reached[:6] * self.scale)
             if "episode" in info:
-                self.progress.trials.append(
-                    {
-                        "step": self.num_timesteps,
-                        "length": info["episode"]["l"],
-                        "return": info["episode"]["r"],
-                        "outcome": info["outcome"],
-                        "activated": info.get("activated", False),
-                        "recovery": info.get("recovery", ""),
-                        "recovery_time": info.get("recovery_time", 0.0),
-                    }
-                )
+                total, length = info["episode"]["r"], info["episode"]["l"]
+                trial = QUIET | info | {"step": self.num_timesteps, "length": length, "return": total}
+                self.progress.trials.append({name: trial[name] for name in TRIAL_COLUMNS})
         return True
 
     def _on_rollout_end(self) -> None:
@@ -109,14 +96,6 @@ class Recorder(BaseCallback):
         require_finite(self.model)
         self.bar.close()
         self.progress.seconds = time.perf_counter() - self.started
-
-
-def curve_window(steps: int, n_steps: int) -> int:
-    """Steps that a row of the learning curve averages over: an update of n_steps, or less in a short run.
-
-    It is a hundredth of the training, but at least `SHORTEST` steps, so that some trials end in it.
-    """
-    return min(n_steps, max(SHORTEST, steps // 100))
 
 
 def learning_curve(trials: pd.DataFrame, window: int, rows: int) -> pd.DataFrame:
@@ -151,8 +130,5 @@ def count(trials: pd.DataFrame) -> dict[str, int]:
     active = trials[trials["activated"].astype(bool)]
     counts = {"trials": len(trials), "activations": len(active)}
     counts |= {name.replace(" ", "_"): int((active["recovery"] == name).sum()) for name in OUTCOMES.values()}
-    outcomes = trials["outcome"]
-    return counts | {
-        "falls": int((outcomes == "hit the ground").sum()),
-        "diverged": int((outcomes == "diverged").sum()),
-    }
+    ends = trials["outcome"].value_counts()
+    return counts | {"falls": int(ends.get("hit the ground", 0)), "diverged": int(ends.get("diverged", 0))}

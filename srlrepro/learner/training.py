@@ -28,21 +28,13 @@ from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
-from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, curve_window, learning_curve
+from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole
-from srlrepro.storage.files import (
-    ResultError,
-    beside,
-    read_json,
-    require_writable,
-    write_arrays,
-    write_json,
-    write_table,
-)
+from srlrepro.storage import files
 from srlrepro.storage.provenance import provenance
 from srlrepro.supervisor import Supervisor
 
@@ -78,24 +70,11 @@ def make_env(run: Run, config: Config, region: Hypothesis | None) -> gym.Env[Any
 def make_learner(env: gym.Env[Any, Any], config: Config, seed: int) -> PPO:
     """PPO with the parameters of App. C; everything else is stable-baselines3's default, or a `Choices`."""
     p, c = config.paper, config.choices
+    values = config.arguments_of(PPO)  # those that have the same name there
+    values |= {"batch_size": p.n_steps // p.n_minibatches, "gamma": p.discount, "seed": seed, "device": "cpu"}
+    policy = {"net_arch": [p.hidden_width] * p.hidden_layers, "log_std_init": c.log_std_init}
     learner = CompiledPPO if c.learner == "compiled" else PPO
-    return learner(
-        "MlpPolicy",
-        Monitor(env),
-        learning_rate=p.learning_rate,
-        n_steps=p.n_steps,
-        batch_size=p.n_steps // p.n_minibatches,
-        n_epochs=p.n_epochs,
-        gamma=p.discount,
-        gae_lambda=p.gae_lambda,
-        clip_range=c.clip_range,
-        ent_coef=p.ent_coef,
-        vf_coef=p.vf_coef,
-        max_grad_norm=p.max_grad_norm,
-        policy_kwargs={"net_arch": [p.hidden_width] * p.hidden_layers, "log_std_init": c.log_std_init},
-        seed=seed,
-        device="cpu",
-    )
+    return learner("MlpPolicy", Monitor(env), policy_kwargs=policy, **values)
 
 
 def identify(run: Run, config: Config, region: Hypothesis | None) -> dict[str, Any]:
@@ -109,10 +88,10 @@ def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
     path = folder / "run.json"
     if not path.exists():
         return
-    held, own = read_json(path), json.loads(json.dumps(identity))
+    held, own = files.read_json(path), json.loads(json.dumps(identity))
     others = [part for part in own if not isinstance(held, dict) or held.get(part) != own[part]]
     if others:
-        raise ResultError(
+        raise files.ResultError(
             f"{folder} holds a finished training of another {' and '.join(others)}: "
             "give another folder, or delete this one"
         )
@@ -153,7 +132,7 @@ def train(
     identity = identify(run, config, region)
     _refuse_another(folder, identity)
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
-        require_writable(place)
+        files.require_writable(place)
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
         report(f"going on from step {model.num_timesteps}")
@@ -183,13 +162,14 @@ def train(
         "provenance": provenance(progress.seconds),
     }
     (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
-    write_table(folder / "trials.csv", trials)
-    window = curve_window(steps, config.paper.n_steps)
-    write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
-    write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
-    with beside(folder / "policy.zip") as temporary:
+    files.write_table(folder / "trials.csv", trials)
+    # a row is an update, in a short run a hundredth of it, but long enough that some trials end in it
+    window = min(config.paper.n_steps, max(256, steps // 100))
+    files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
+    files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
+    with files.beside(folder / "policy.zip") as temporary:
         model.save(temporary)
-    write_json(folder / "run.json", result)
+    files.write_json(folder / "run.json", result)
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     return result

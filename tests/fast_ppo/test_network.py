@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from srlrepro.fast_ppo.network import Network, Optimizer, adam, backward, forward, forward_one, passes, tanh
+from srlrepro.fast_ppo.network import Network, Optimizer, adam, backward, forward, passes, tanh
 
 PRECISIONS = pytest.mark.parametrize("kind", [np.float32, np.float64])
 
@@ -65,7 +65,7 @@ def test_values_and_gradients_are_torchs(
     single = passes(network, 1)
     for b in range(batch):
         single.inputs[0][:, 0] = x[b]
-        forward_one(network, single)
+        forward(network, single)
         np.testing.assert_allclose(single.output[:, 0], memory.output[:, b], **tolerance)
 
 

@@ -32,20 +32,14 @@ from stable_baselines3 import PPO
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.fast_ppo.ppo import CompiledPPO
-from srlrepro.learner import VISITED_FORMAT, training
-from srlrepro.learner.training import (
-    TRIAL_COLUMNS,
-    Run,
-    count,
-    learning_curve,
-    make_env,
-    make_learner,
-    train,
-)
+from srlrepro.learner import VISITED_FORMAT
+from srlrepro.learner.recording import TRIAL_COLUMNS, count, learning_curve
+from srlrepro.learner.training import Run, make_env, make_learner, train
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
+from srlrepro.storage import files
 from srlrepro.storage.files import ResultError, read_arrays
 from srlrepro.supervisor import Supervisor
 
@@ -264,7 +258,7 @@ def test_the_same_run_is_trained_anew(whole: dict[str, Path], tmp_path: Path) ->
     shutil.copytree(whole[case.name], folder)
     (folder / "trials.csv").write_text("of older code")
     with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(training, "write_table", interrupted)
+        patch.setattr(files, "write_table", interrupted)
         case.train(folder)
     assert not (folder / "run.json").exists()
     case.train(folder)
