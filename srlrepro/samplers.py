@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torque
-from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, as_torque, jit
+from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, jit
 from srlrepro.settings.condition import check_share
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
@@ -106,7 +106,8 @@ def _random_rollouts(
                 break
             out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = state
             n += 1
-            state, outcome = hold_torque(coefficients, limits, state, as_torque(torques[i, t // hold]))
+            u = torques[i, t // hold]
+            state, outcome = hold_torque(coefficients, limits, state, (u[0], u[1], u[2]))
             if outcome != 0:
                 break
     return n

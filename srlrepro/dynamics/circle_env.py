@@ -54,7 +54,7 @@ class Task(NamedTuple):
 
 @jit
 def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
-    """One control period of a trial, number ``period`` from 0; the torque is limited here.
+    """One control period of a trial, number ``period`` from 0; action in ``action_unit``, limited here.
 
     Returns:
         The state; the reward R of the state and the target at the end of the period; 0, or the key of `ENDS`

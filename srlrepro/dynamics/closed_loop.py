@@ -1,9 +1,8 @@
 """A system under K(x): closed-loop rollouts, recoveries, and the labels l_n(x) and l(x).
 
-A state is safe (eq. 2) if K steers the system from it back to upright. One compiled kernel serves the
-nominal system (l_n), every real system (l) and the recoveries of the supervisor (eq. 6), so that "safe"
-means the same thing everywhere. The region of attraction has no closed form; its membership is decided
-by simulation, with a finite horizon and a small box around upright that counts as recovered.
+A state is safe (eq. 2) if K steers the system from it back to upright. The region of attraction has no closed
+form: simulation decides, with a finite horizon and a small box around upright. One compiled kernel serves
+the nominal system (l_n), every real system (l) and the recoveries of the supervisor (eq. 6).
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from srlrepro.dynamics.pendulum import (
     Torque,
     as_state,
     as_states,
-    as_torque,
     jit,
     rk4_step,
 )
@@ -118,7 +116,7 @@ def recover(
         if outcome != 0:
             break
         lqg_update(gains, xbar, y, u)
-        state, outcome = hold_torque(coefficients, limits, state, as_torque(u))
+        state, outcome = hold_torque(coefficients, limits, state, (u[0], u[1], u[2]))
         t += 1
     if record:
         path[t + 1 :] = y

@@ -120,12 +120,6 @@ def as_state(a: Floats) -> State:
 
 
 @jit
-def as_torque(a: Floats) -> Torque:
-    """The first three entries of an array as a tuple."""
-    return (a[0], a[1], a[2])
-
-
-@jit
 def tip(lengths: Torque, x: State) -> tuple[float, float]:
     """End-effector position (p_x, p_y) of the state x (6-tuple)."""
     phi2, phi3 = x[0] + x[1], x[0] + x[1] + x[2]
