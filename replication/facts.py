@@ -10,11 +10,13 @@ import pandas as pd
 
 from replication.evidence.claims import MEASURE_COLUMNS, RATES, load_claims
 from replication.evidence.measures import TEST_STATES
-from replication.evidence.verdicts import THREE, is_there, read_verdicts, resting, rows
+from replication.evidence.verdicts import LONG, THREE, is_there, resting, rows
 from replication.studies import multiverse
 from replication.studies.alternatives import ORACLES
 from replication.studies.theorem import POOLED, SMALLEST
+from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.settings.choices import Choices
+from srlrepro.settings.config import Config
 from srlrepro.settings.fields import STAGES
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import LARGEST, read_json, read_table
@@ -85,8 +87,12 @@ class Facts:
 
     @cached_property
     def judged(self) -> Row:
-        """See `verdicts.read_verdicts`."""
-        return read_verdicts(self.figures)
+        """What the grid took, how many conditions it has, a perfect trial's return, and what was not run."""
+        cells = read_table(self.figures / THREE / "measures.csv", MEASURE_COLUMNS)
+        conditions = cells.dropna(subset=["alpha", "delta"])[["alpha", "delta"]].drop_duplicates()
+        found = {"run": read_json(self.figures / THREE / "run_time.json"), "conditions": len(conditions)}
+        missing = [text for name, (_, text) in LONG.items() if not self.is_there(name)]
+        return found | {"best": perfect_return(Config()), "missing": missing}
 
     @property
     def grid(self) -> str:
@@ -98,7 +104,7 @@ class Facts:
         """{id: row of `verdicts.rows`} of the claims, with ``section``, and ``three``, the first verdict."""
         places = {measure: section for section, measures in SECTIONS.items() for measure in measures}
         sections = {claim.id: places.get(claim.measure, "safety") for claim in load_claims()}
-        told = {row["id"]: row for row in rows(self.figures, self.judged)}
+        told = {row["id"]: row for row in rows(self.figures)}
         for name, row in told.items():
             row |= {"section": sections[name], "three": row.get("verdict_of_three", row["verdict"])}
             row["verdict"] = row["verdict"] if row["n"] else "not measured"

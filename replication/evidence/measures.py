@@ -72,9 +72,6 @@ def held_out_states(mnd: MultivariateNormal, config: Config, rng: Generator) -> 
     return {name: (x, nominal.predict(x)) for name, x in states.items()}
 
 
-# Training data and regions
-
-
 def first_link_shares(x: ArrayLike, config: Config) -> dict[str, float]:
     """Shares of states in two parts of the plane (θ1, θ̇1) of Fig. 2 (a)-(c).
 
@@ -111,9 +108,8 @@ def measure_hypothesis(
 ) -> dict[str, float]:
     """How good h and Γ, learned from the data, are on fresh states of `held_out_states`.
 
-    Returns:
-        ``precision_UD``, … and those of ``recall`` and ``brier``, for both distributions;
-        ``accepted_share``, the mean over both; ``gamma_origin``; ``new_state_purity`` of a `SafeRegion`.
+    ``precision_UD``, … and those of ``recall`` and ``brier``, for both distributions; ``accepted_share``, the
+    mean over both; ``gamma_origin``; ``new_state_purity`` of a `SafeRegion`.
     """
     scores = {source: classification(region, *labelled) for source, labelled in states.items()}
     wanted = ("precision", "recall", "brier")
@@ -140,18 +136,13 @@ def measure_regions(
     return rows
 
 
-# Trained runs
-
-
 def measure_run(
     run: TrainedRun, region: CompiledHypothesis | None = None, free: TrainedRun | None = None
 ) -> list[Row]:
     """Rows of every measure of one trained run, from its products: `learning`, `recoveries` and `errors`.
 
-    Args:
-        region: the hypothesis behind its supervisor, if it had one.
-        free: the run without a supervisor of the same Δ and seed, if there is one; every hypothesis is asked
-            about its states.
+    region: the hypothesis behind its supervisor, if it had one; free: the run without a supervisor of the
+    same Δ and seed, if there is one, about whose states every hypothesis is asked.
 
     Raises:
         ParameterError: the region or the free run is not that of this run.
@@ -255,9 +246,6 @@ def promise_gap(region: SafeRegion, visited: Floats, real: ClosedLoop) -> float:
     if not taken.any():
         return float("nan")
     return float(real.predict(visited[taken]).mean() - gamma[taken].mean())
-
-
-# Tables
 
 
 def measure_rows(

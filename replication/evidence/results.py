@@ -83,11 +83,7 @@ class TrainedRun:
 
 
 def read_run(place: str | Path) -> TrainedRun:
-    """The run whose products lie in a folder, or of whose products this is the run.json.
-
-    Raises:
-        ResultError: it has not been made, or its run.json is not of a training run.
-    """
+    """The run in a folder, or of a run.json; `ResultError`: none, or it is not of a training run."""
     path = Path(place) if Path(place).name == RECORD else Path(place, RECORD)
     found = read_json(path)
     try:
@@ -110,11 +106,7 @@ def read_run(place: str | Path) -> TrainedRun:
 
 
 def require_same(run: TrainedRun, config: Config, steps: int | None = None) -> None:
-    """See that a run was trained under the values that its reader asks for, and for the steps, if any.
-
-    Raises:
-        ResultError: it was not; the message names one value that differs.
-    """
+    """Raise `ResultError` unless a run was trained under these values, and for these steps, if any."""
     asked = config.as_dict() | {"steps": run.steps if steps is None else steps}
     found = run.config.as_dict() | {"steps": run.steps}
     for name, value in asked.items():
@@ -147,21 +139,13 @@ def read_runs(
 
 
 def read_curves(results: str | Path, names: Iterable[str]) -> pd.DataFrame:
-    """The learning curves of the named runs, one below the other, with the columns alpha, delta and seed.
-
-    Raises:
-        ResultError: a run has not been made.
-    """
+    """The learning curves of the named runs, one below the other, with the columns alpha, delta and seed."""
     runs = [read_run(Path(results, "runs", name)) for name in names]
     return pd.concat([run.curve().assign(**_cell(run.condition)) for run in runs], ignore_index=True)
 
 
 def read_run_measures(results: str | Path, names: Iterable[str]) -> pd.DataFrame:
-    """The tables of measures of the named runs as one, with the columns of `claims`.
-
-    Raises:
-        ResultError: a run has not been measured, or its table is of another run.
-    """
+    """The tables of measures of the named runs as one; `ResultError`: one is missing or of another run."""
     tables = []
     for name in names:
         path = Path(results, "runs", name, "measures.csv")

@@ -42,10 +42,7 @@ def half_width(spread: ArrayLike, n: ArrayLike, level: float = LEVEL) -> Floats:
 def share_interval(
     successes: int, n: int, level: float = LEVEL, method: Literal["exact", "wilson"] = "exact"
 ) -> Bounds:
-    """(low, high) of the share of n that have a property.
-
-    method: "exact" (Clopper and Pearson, 1934) or "wilson" (1927), nearer to the level on average.
-    """
+    """(low, high) of a share of n, by Clopper and Pearson (1934) or Wilson (1927), nearer to the level."""
     if n < 1:
         return float("nan"), float("nan")
     interval = stats.binomtest(successes, n).proportion_ci(level, method=method)

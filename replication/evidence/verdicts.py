@@ -5,10 +5,8 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import RATES, STATES, VERDICTS, Claim, load_claims, margins
-from srlrepro.dynamics.circle_env import perfect_return
-from srlrepro.settings.config import Config
-from srlrepro.storage.files import read_json, read_table
+from replication.evidence.claims import STATES, Claim, load_claims, margins
+from srlrepro.storage.files import read_table
 
 THREE, LARGER = "full", "seeds_10"  # results of the paper's three seeds, and those on which verdicts rest
 LONG = {  # a run beyond the paper's grid: the table that shows that it is complete, and what it gives
@@ -30,52 +28,6 @@ def is_there(figures: Path, name: str) -> bool:
 def resting(figures: Path) -> str:
     """The name of the results on which the verdicts rest, of those in a folder of figures."""
     return LARGER if is_there(figures, LARGER) else THREE
-
-
-def _runs(folder: Path) -> pd.DataFrame:
-    """The runs behind a table of measures: alpha, delta, seed, a row each."""
-    cells = read_table(folder / "measures.csv", ("alpha", "delta", "seed", "value"))
-    return cells.dropna(subset=["alpha", "delta"])[["alpha", "delta", "seed"]].drop_duplicates()
-
-
-def read_verdicts(figures: Path) -> dict[str, Any]:
-    """The claims, their verdicts and what these rest on, for the templates.
-
-    ``claims``: of three seeds; ``larger``: of the larger set with, beside its verdict, that of three seeds,
-    empty without that set; ``settled`` and ``changed``: of the claims whose test can decide, how many that
-    three seeds leave open the larger set does not, and how many others it judges otherwise; ``further``: its
-    runs beyond the three seeds; ``papers``: success rates that the paper gives, as it writes them; ``best``:
-    the return of a perfect trial.
-
-    Raises:
-        ResultError: a table is missing.
-    """
-    claims = read_table(figures / THREE / "claims.csv", COLUMNS)
-    cells = _runs(figures / THREE)
-    three = claims[["id", "verdict"]].rename(columns={"verdict": "verdict_of_three"})
-    larger, further = claims.iloc[:0], 0
-    if resting(figures) == LARGER:
-        larger = read_table(figures / LARGER / "claims.csv", COLUMNS)
-        further = len(_runs(figures / LARGER)) - len(cells)
-    larger = larger.merge(three, on="id", how="left")
-    sound = larger[larger["ill_posed"].isna()]
-    left_open = sound["verdict_of_three"] == "inconclusive"
-    moved = sound["verdict"] != sound["verdict_of_three"]
-    return {
-        "verdicts": VERDICTS,
-        "claims": claims.fillna("").to_dict("records"),
-        "larger": larger.fillna("").to_dict("records"),
-        "settled": int((moved & left_open).sum()),
-        "changed": int((moved & ~left_open).sum()),
-        "further": further,
-        "run": read_json(figures / THREE / "run_time.json"),
-        "runs": len(cells),
-        "seeds": cells["seed"].nunique(),
-        "papers": [claim.paper for claim in load_claims() if claim.id in RATES],
-        "best": perfect_return(Config()),
-        "missing": [text for name, (_, text) in LONG.items() if not is_there(figures, name)],
-        "conditions": len(cells[["alpha", "delta"]].drop_duplicates()),
-    }
 
 
 def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
@@ -102,14 +54,22 @@ def weakest(claim: Claim, contrasts: pd.DataFrame) -> dict[str, str]:
     return {"contrast": row["contrast"], "estimate": words}
 
 
-def rows(figures: Path, judgement: dict[str, Any]) -> list[dict[str, Any]]:
-    """The claims of `read_verdicts` in order, each followed by those that join it, with its weakest contrast.
+def rows(figures: Path) -> list[dict[str, Any]]:
+    """The claims in order, each followed by those that join it, with the verdict and the weakest contrast.
 
-    ``contrasts``, ``open``: how many, and how many undecided; ``lost``: names of those that these seeds
-    decide, and three with the same mean and spread would not.
+    ``verdict_of_three``: beside that of the larger set, if there is one; ``contrasts``, ``open``: how many,
+    and how many undecided; ``lost``: names of those that these seeds decide, and three with the same mean and
+    spread would not. `ResultError`: a table is missing.
     """
-    contrasts = read_table(figures / resting(figures) / "contrasts.csv", CONTRASTS)
-    told = judgement["larger"] or judgement["claims"]
+    folder, three = figures / resting(figures), read_table(figures / THREE / "claims.csv", COLUMNS)
+    claims, contrasts = (
+        read_table(folder / "claims.csv", COLUMNS),
+        read_table(folder / "contrasts.csv", CONTRASTS),
+    )
+    if resting(figures) == LARGER:
+        verdicts = three[["id", "verdict"]].rename(columns={"verdict": "verdict_of_three"})
+        claims = claims.merge(verdicts, on="id", how="left")
+    told: list[Any] = claims.fillna("").to_dict("records")
     tests = {claim.id: claim for claim in load_claims()}
     groups = [[c, *(j for j in told if j["joins"] == c["id"])] for c in told if not c["joins"]]
     found = []

@@ -97,11 +97,8 @@ def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
 
 
 def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
-    """An SVM (RBF) of the scaled states s [k, 6]; a sigmoid makes probabilities of its held-out decisions.
-
-    The folds are shuffled: in D_tr the states from UD come before those from the MND.
-    """
-    folds = StratifiedKFold(FOLDS, shuffle=True, random_state=seed)
+    """An SVM (RBF) of the scaled states s [k, 6]; a sigmoid makes probabilities of its held-out decisions."""
+    folds = StratifiedKFold(FOLDS, shuffle=True, random_state=seed)  # D_tr: from UD, then from the MND
     return CalibratedClassifierCV(SVC(), method="sigmoid", cv=folds, ensemble=False).fit(s, z)
 
 

@@ -88,10 +88,9 @@ def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
     """
     judged = scores[(scores["states"] == FREE) & (scores["alpha"] != ANY)]
     joined = judged.merge(learned, on=["hypothesis", "alpha", "delta"])
-    rows = [
-        {"delta": delta, "score": score, "cells": len(cells)}
-        | {name: cells[score].corr(cells[name], method="spearman") for name in FOLLOWED}
-        for delta, cells in joined.groupby("delta")
-        for score in SCORES
-    ]
+    rows = []
+    for delta, cells in joined.groupby("delta"):
+        for score in SCORES:
+            found = (cells[score].corr(cells[name], method="spearman") for name in FOLLOWED)
+            rows.append((delta, score, len(cells), *found))
     return pd.DataFrame(rows, columns=["delta", "score", "cells", *FOLLOWED])

@@ -30,6 +30,7 @@ from replication.studies.alternatives import ORACLES
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import NONE
 
+Tables = Mapping[str, pd.DataFrame]  # by the id of the universe
 DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
 ALONE, RANDOM = "one at a time", "random"
@@ -119,12 +120,7 @@ def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str
     return found
 
 
-def outcomes(
-    claims: Iterable[Claim],
-    measures: Mapping[str, pd.DataFrame],
-    conditions: Mapping[str, pd.DataFrame],
-    grid: Grid,
-) -> pd.DataFrame:
+def outcomes(claims: Iterable[Claim], measures: Tables, conditions: Tables, grid: Grid) -> pd.DataFrame:
     """One row per universe and claim: id, claim, value, margin, holds, why.
 
     ``value``: what the claim measures, if it compares one cell with a number, else the margin. ``holds`` and

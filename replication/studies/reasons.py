@@ -4,7 +4,8 @@ None of them looks at an outcome of Fig. 3: they check conditions that the paper
 accuracy of the integration, and the calibration of Ψ and Γ on held-out *nominal* data.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from srlrepro.settings.config import Config
 
 FINE = 96  # substeps of the integration that labels are compared with
 EMBEDDING_CHOICES = ("known_origin", "label_gap", "perplexity")
+Variations = Iterable[Mapping[str, Any]]  # values other than the default, by name
 
 
 def integration(config: Config, substeps: Iterable[int], n: int, seed: int) -> pd.DataFrame:
@@ -32,9 +34,7 @@ def integration(config: Config, substeps: Iterable[int], n: int, seed: int) -> p
     return pd.DataFrame({"substeps": list(substeps), "equal labels": [(l == exact).mean() for l in labels]})
 
 
-def stability(
-    config: Config, deltas: Iterable[float], variations: Iterable[dict[str, float]]
-) -> pd.DataFrame:
+def stability(config: Config, deltas: Iterable[float], variations: Variations) -> pd.DataFrame:
     """Spectral radius of the closed loop near upright, by variation of the LQG and Δ."""
     rows = []
     for values in variations:
@@ -71,11 +71,7 @@ def random_policies(config: Config, holds: Iterable[float], n: int, seed: int) -
 
 
 def calibration(
-    config: Config,
-    alphas: Iterable[float],
-    seeds: Iterable[int],
-    variations: Iterable[dict[str, object]],
-    n: int,
+    config: Config, alphas: Iterable[float], seeds: Iterable[int], variations: Variations, n: int
 ) -> pd.DataFrame:
     """Brier score of Γ on n fresh nominal states of D_n, drawn like the training data, by variation and α.
 
@@ -142,5 +138,5 @@ def exploration(
     return pd.DataFrame(rows, columns=["log std", "states in App. C", "trials beyond the rate bound"])
 
 
-def _text(values: dict[str, object] | dict[str, float]) -> str:
+def _text(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in values.items()) or "default"

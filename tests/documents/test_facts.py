@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from replication.documents import DOCS, FIGURES, ROOT
-from replication.evidence.claims import load_claims
+from replication.evidence.claims import VERDICTS, load_claims
 from replication.evidence.verdicts import LONG
 from replication.facts import Facts, sign, text_of
 from replication.studies import multiverse
@@ -80,7 +80,7 @@ def test_every_claim_stands_once() -> None:
     assert set(KEPT.claims) == set(tests)
     sections = pd.Series({row["id"]: row["section"] for row in KEPT.posed}).value_counts().to_dict()
     assert sections == {"safety": 9, "learning": 6, "data": 5, "generalisation": 2}
-    assert sum(KEPT.count(v) for v in KEPT.judged["verdicts"]) == len(KEPT.posed)
+    assert sum(KEPT.count(v) for v in VERDICTS) == len(KEPT.posed)
     assert KEPT.late() == sum(bool(test.joins) for test in tests.values()) + 1  # safer-with-alpha joins none
 
 
