@@ -75,11 +75,7 @@ class TrainingData:
 
 
 def split(alpha: float, k: int) -> tuple[int, int]:
-    """(|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up).
-
-    Raises:
-        ParameterError: α outside [0, 1].
-    """
+    """(|D_ud|, |D_mnd|) = (αk, (1 − α)k), αk rounded to the nearest whole number (halves up)."""
     check_share(alpha)
     n_ud = int(np.floor(alpha * k + 0.5))
     return n_ud, k - n_ud

@@ -50,8 +50,6 @@ def parse_value(name: str, text: str) -> Any:
     """The value of a parameter that is written as ``text``; `ParameterError` if it is not of its type."""
     check(name in PARAMETERS, name, text, "left out: there is no such parameter")
     kind = PARAMETERS[name].type
-    if kind is str:
-        return text
     if kind is bool:
         check(text in ("true", "false"), name, text, "true or false")
         return text == "true"
