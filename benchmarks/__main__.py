@@ -12,14 +12,12 @@ OUT = Path(__file__).parent.parent / "docs" / "benchmark.csv"
 def main() -> None:
     """The command line."""
     parser = Parser(prog="python -m benchmarks", description=__doc__, allow_abbrev=False)
-    parser.add_argument(
-        "--turns", type=int, default=15, help="repetitions of each work (default: %(default)s)"
-    )
+    parser.add_argument("--turns", type=int, default=15, help="of each work (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/benchmark.csv)")
     arguments = parser.parse_args()
     if arguments.turns < 1:
         parser.error(f"--turns = {arguments.turns}: must be a whole number in [1, inf)")
-    table = summary([*measure(arguments.turns), *kernels(), start()])
+    table = summary([*measure(arguments.turns), *kernels(arguments.turns), start()])
     write_table(arguments.out, table, digits=4)
     print(table.to_string(index=False, float_format="{:.3g}".format))
 

@@ -8,14 +8,11 @@ import time
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 
 from srlrepro.dynamics.pendulum import jit
 from srlrepro.fast_ppo.network import Network, Optimizer, Passes, Reals, adam, tanh
@@ -29,16 +26,7 @@ from srlrepro.settings.config import Config
 ALPHA, DELTA = 0.5, 1.1
 REPEATS = 1000  # of a kernel in one turn
 BEFORE = 100  # updates before anything is timed: trials then last tenths of a second, as often in a training
-
-
 Work = Callable[[], object]
-
-
-class Silent(BaseCallback):
-    """Looks at nothing."""
-
-    def _on_step(self) -> bool:
-        return True
 
 
 @dataclass(frozen=True)
@@ -57,13 +45,11 @@ def summary(timings: list[Timing]) -> pd.DataFrame:
     rows = []
     for timing in timings:
         plain, fast = np.array(timing.plain), np.array(timing.fast)
-        ratios = plain / fast
-        medians = np.median(plain), np.median(fast)
-        shares = medians[0] / medians[1], ratios.min(), ratios.max(), plain.min() / fast.min()
-        rows.append((timing.work, 1e3 * medians[0], 1e3 * medians[1], *shares))
-    return pd.DataFrame(
-        rows, columns=["work", "plain_ms", "fast_ms", "ratio", "lowest", "highest", "undisturbed"]
-    )
+        row = {"work": timing.work, "plain_ms": 1e3 * np.median(plain), "fast_ms": 1e3 * np.median(fast)}
+        row |= {"ratio": row["plain_ms"] / row["fast_ms"]}
+        row |= {"lowest": min(plain / fast), "highest": max(plain / fast)}
+        rows.append(row | {"undisturbed": min(plain) / min(fast)})
+    return pd.DataFrame(rows)
 
 
 def learners(config: Config, region: SafeRegion | None) -> list[PPO]:
@@ -82,11 +68,17 @@ def learners(config: Config, region: SafeRegion | None) -> list[PPO]:
 
 
 def collecting(model: PPO) -> Work:
-    """A rollout, with a callback that looks at nothing."""
-    _, callback = model._setup_learn(model.n_steps, Silent(), False, "", False)
+    """A rollout without callbacks."""
+    _, callback = model._setup_learn(model.n_steps, reset_num_timesteps=False)
     env = model.env
     assert env is not None
     return lambda: model.collect_rollouts(env, callback, model.rollout_buffer, model.n_steps)
+
+
+def updating(model: PPO) -> Work:
+    """A rollout, and the update that follows."""
+    works = (collecting(model), model.train)
+    return lambda: [work() for work in works]
 
 
 def in_turns(works: list[Work], turns: int) -> list[list[float]]:
@@ -126,21 +118,8 @@ def _floor(learner: Learner, count: int) -> None:
 
 def floor(model: CompiledPPO, count: int) -> Work:
     """The matrix products of so many gradient steps and as many passes of Adam, and nothing else."""
-    learner = model.views().learner
-    generator = np.random.default_rng(0)
-
-    def ordinary(a: NDArray[Any]) -> NDArray[Any]:
-        return generator.standard_normal(a.shape).astype(a.dtype)
-
-    copied = Learner(*(_mapped(part, ordinary) for part in learner))
-    return lambda: _floor(copied, count)
-
-
-def _mapped(part: Any, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Any:
-    if isinstance(part, np.ndarray):
-        return function(part)
-    parts = [_mapped(p, function) for p in part]
-    return type(part)(*parts) if hasattr(part, "_fields") else tuple(parts)
+    learner = deepcopy(model.views().learner)
+    return lambda: _floor(learner, count)
 
 
 def measure(turns: int) -> list[Timing]:
@@ -156,13 +135,13 @@ def measure(turns: int) -> list[Timing]:
     lower()
     works = [free[0].train, compiled.train, lower]
     stock, fast, least = ([s / steps for s in seconds] for seconds in in_turns(works, turns))
-    timings = [
+    return [
         Timing("gradient step", stock, fast),
         Timing("gradient step, compiled, against its products and Adam alone", fast, least),
+        Timing("rollout, free", *in_turns([collecting(m) for m in free], turns)),
+        Timing("rollout, supervised", *in_turns([collecting(m) for m in supervised], turns)),
+        Timing("whole update, supervised", *in_turns([updating(m) for m in supervised], turns)),
     ]
-    for name, pair in (("rollout, free", free), ("rollout, supervised", supervised)):
-        timings.append(Timing(name, *in_turns([collecting(m) for m in pair], turns)))
-    return [*timings, Timing("whole update, supervised", *in_turns([_whole(m) for m in supervised], turns))]
 
 
 @jit
@@ -187,7 +166,7 @@ def _own_tanh(x: Reals) -> None:
         tanh(x)
 
 
-def kernels(turns: int = 15) -> list[Timing]:
+def kernels(turns: int) -> list[Timing]:
     """What two choices inside the gradient step give, at its sizes (minibatches of 16, layers of 128)."""
     paper = Config().paper
     batch, width = paper.n_steps // paper.n_minibatches, paper.hidden_width
@@ -224,13 +203,3 @@ def start() -> Timing:
             subprocess.run(command, env=environment, check=True, capture_output=True)
             seconds.append(time.perf_counter() - begun)
     return Timing("first process with one update, against later ones", seconds[:1], seconds[1:])
-
-
-def _whole(model: PPO) -> Work:
-    collect = collecting(model)
-
-    def work() -> None:
-        collect()
-        model.train()
-
-    return work

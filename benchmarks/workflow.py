@@ -13,7 +13,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import pandas as pd
 
@@ -23,19 +22,14 @@ from workflow.plan import plan
 
 ROOT = Path(__file__).parent.parent
 OUT = ROOT / "docs" / "overhead.csv"
-CELLS = (36, 360, 3600)
+CELLS, OF_A_SEED = (36, 360, 3600), len(ALPHAS) * len(DELTAS)
 CONFIGURATION = "workflow.json"
 
 
-class Cost(NamedTuple):
-    """Of one command, in s: by the clock, and of the processor, where other work counts less."""
+def snakemake(folder: Path, *options: str) -> tuple[str, float, float]:
+    """What Snakemake prints on the workflow in a folder; seconds by the clock and of the processor.
 
-    wall: float
-    cpu: float
-
-
-def snakemake(folder: Path, *options: str) -> tuple[str, Cost]:
-    """What Snakemake prints on the workflow in a folder, and what it took.
+    Other work on the machine counts less in those of the processor.
 
     Raises:
         CalledProcessError: it failed.
@@ -47,26 +41,25 @@ def snakemake(folder: Path, *options: str) -> tuple[str, Cost]:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return done.stdout + done.stderr, Cost(time.perf_counter() - wall, cpu)
+    return done.stdout + done.stderr, time.perf_counter() - wall, cpu
 
 
 def measure(cells: int) -> dict[str, float]:
-    """Costs of a grid of so many cells, a multiple of those of one seed.
+    """Costs of a grid of so many cells, a multiple of `OF_A_SEED`.
 
     Raises:
         RuntimeError: a job was left when all results were there.
     """
-    seeds = cells // (len(ALPHAS) * len(DELTAS))
+    seeds = cells // OF_A_SEED
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
+        made = shutil.ignore_patterns("executed", "__pycache__")
         for name in ("srlrepro", "replication", "workflow", "notebooks"):
-            shutil.copytree(
-                ROOT / name, folder / name, ignore=shutil.ignore_patterns("executed", "__pycache__")
-            )
+            shutil.copytree(ROOT / name, folder / name, ignore=made)
         grid = plan(make_parser().parse_args(["--seeds", str(seeds), "--name", "overhead", "--steps", "1"]))
         (folder / CONFIGURATION).write_text(json.dumps(grid))
-        _, dry = snakemake(folder, "--dry-run", "--quiet", "rules", "reason")
-        listed, _ = snakemake(folder, "--summary")
+        _, dry, dry_cpu = snakemake(folder, "--dry-run", "--quiet", "rules", "reason")
+        listed, *_ = snakemake(folder, "--summary")
         table = [line.split("\t") for line in listed.splitlines() if "\t" in line]
         column = table[0].index("output_file")
         for line in table[1:]:
@@ -74,16 +67,11 @@ def measure(cells: int) -> dict[str, float]:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
         snakemake(folder, "--touch", "--forceall", "--cores", str(cells))  # all at once
-        said, idle = snakemake(folder)
+        said, idle, idle_cpu = snakemake(folder)
     if "Nothing to be done" not in said:
         raise RuntimeError(f"{cells} cells: something was left to do")
-    return {
-        "cells": cells,
-        "dry_run_s": dry.wall,
-        "dry_run_cpu_s": dry.cpu,
-        "nothing_to_do_s": idle.wall,
-        "nothing_to_do_cpu_s": idle.cpu,
-    }
+    costs = {"dry_run_s": dry, "dry_run_cpu_s": dry_cpu}
+    return {"cells": cells} | costs | {"nothing_to_do_s": idle, "nothing_to_do_cpu_s": idle_cpu}
 
 
 def main() -> None:
@@ -93,8 +81,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/overhead.csv)")
     arguments = parser.parse_args()
     for cells in arguments.cells:
-        if cells < 1 or cells % (len(ALPHAS) * len(DELTAS)):
-            parser.error(f"--cells = {cells}: must be a multiple of {len(ALPHAS) * len(DELTAS)}")
+        if cells < 1 or cells % OF_A_SEED:
+            parser.error(f"--cells = {cells}: must be a multiple of {OF_A_SEED}")
     table = pd.DataFrame([measure(cells) for cells in arguments.cells])
     write_table(arguments.out, table, digits=3)
     print(table.to_string(index=False, float_format="{:.3g}".format))

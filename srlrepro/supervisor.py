@@ -102,7 +102,8 @@ class Supervisor(gym.Wrapper[Singles, Singles, Singles, Singles]):
         check(isinstance(controller, LQG), "controller", controller, "an LQG, which compiled code knows")
         self.task, self.region = task, region
         self.loop = ClosedLoop(task.pendulum, controller, task.rule)
-        self.corrects = task.config.choices.corrective == "K"
+        choices = task.config.choices
+        self.corrects, self.terminates = choices.corrective == "K", choices.early_stop == "terminate"
         self.recovery: Rollouts | None = None
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Singles, Info]:
@@ -127,8 +128,7 @@ class Supervisor(gym.Wrapper[Singles, Singles, Singles, Singles]):
                 info["recovery_time"] = float(self.recovery.durations[0])
                 if self.task.render_mode == "human":
                     self.recovery_frames()
-            terminated = self.task.config.choices.early_stop == "terminate"
-            truncated = not terminated
+            terminated, truncated = self.terminates, not self.terminates
         return observation, float(reward), terminated, truncated, info
 
     @property
@@ -158,8 +158,8 @@ class Supervisor(gym.Wrapper[Singles, Singles, Singles, Singles]):
                 f"{STOCK} takes any"
             )
         _, gains, _, periods = self.loop.kernel_arguments
-        ends = self.task.config.choices.early_stop == "terminate"
-        return Supervision(True, self.region.posterior, self.region.p_t, self.corrects, gains, periods, ends)
+        posterior, p_t = self.region.posterior, self.region.p_t
+        return Supervision(True, posterior, p_t, self.corrects, gains, periods, self.terminates)
 
     def _predicted_safe(self) -> bool:
         return bool(self.region.predict(self.task.state[None])[0] == 1)

@@ -26,17 +26,11 @@ from srlrepro.storage.files import ResultError, beside
 
 @dataclass
 class Progress:
-    """What a training has recorded so far.
-
-    Attributes:
-        trials: one dictionary per ended trial.
-        visited: visited states, each [6] in rad and rad/s.
-        seconds: time that the training has taken, over all its sittings.
-    """
+    """What a training has recorded so far."""
 
     trials: list[dict[str, Any]] = field(default_factory=list)
-    visited: list[NDArray[np.float32]] = field(default_factory=list)
-    seconds: float = 0.0
+    visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [6] in rad and rad/s
+    seconds: float = 0.0  # that the training has taken, over all its sittings
 
 
 def _monitor_and_task(model: BaseAlgorithm) -> tuple[Monitor[Any, Any], ThreeLinkCircleEnv]:

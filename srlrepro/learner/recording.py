@@ -13,11 +13,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
-from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.checkpoint import Progress, save
 from srlrepro.storage.files import ResultError
 from srlrepro.supervisor import QUIET
 
+Kept = tuple[Path, int, dict[str, Any]]
+Report = Callable[[str], None]
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
 
 
@@ -37,7 +38,6 @@ class Recorder(BaseCallback):
     Args:
         progress: what has been collected so far; grows in place.
         steps: of the whole training; stride: between two states that are kept.
-        scale: [6] units of the observed state.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
         report: receives sparse lines when no terminal shows the bar.
 
@@ -46,22 +46,16 @@ class Recorder(BaseCallback):
     """
 
     def __init__(
-        self,
-        progress: Progress,
-        steps: int,
-        stride: int,
-        scale: Floats,
-        checkpoint: tuple[Path, int, dict[str, Any]] | None,
-        report: Callable[[str], None],
+        self, progress: Progress, steps: int, stride: int, checkpoint: Kept | None, report: Report
     ) -> None:
         super().__init__()
         self.progress, self.steps, self.stride = progress, steps, stride
-        self.scale = scale.astype(np.float32)
         self.checkpoint, self.report = checkpoint, report
         self.started = time.perf_counter() - progress.seconds
         self.updates = 0
 
     def _on_training_start(self) -> None:
+        self.scale = self.training_env.get_attr("observation_scale")[0].astype(np.float32)
         self.reached = self.num_timesteps
         self.bar = tqdm(total=self.steps, initial=self.reached, unit="step", disable=None, desc="training")
 

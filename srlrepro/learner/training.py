@@ -11,7 +11,6 @@ The products of a run, in one folder:
 """
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
-from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, learning_curve
+from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, Report, count, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
 from srlrepro.settings.condition import Condition
@@ -103,7 +102,7 @@ def train(
     region: Hypothesis | None,
     folder: Path,
     checkpoint: Path | None = None,
-    report: Callable[[str], None] = print,
+    report: Report = print,
 ) -> dict[str, Any]:
     """Train one run and write its products (see the module) to ``folder``.
 
@@ -123,10 +122,8 @@ def train(
             another run, or the policy has diverged.
     """
     torch.set_num_threads(1)
-    folder, choices = Path(folder), config.choices
+    folder, choices, n_steps = Path(folder), config.choices, config.paper.n_steps
     env = make_env(run, config, region)
-    task = env.unwrapped
-    assert isinstance(task, ThreeLinkCircleEnv)
     env.reset()  # refuses a region that predicts the origin as unsafe, before anything is written
     model, progress = make_learner(env, config, run.seed), Progress()
     identity = identify(run, config, region)
@@ -136,20 +133,11 @@ def train(
     if checkpoint is not None and checkpoint.exists():
         model, progress = restore(checkpoint, model, identity)
         report(f"going on from step {model.num_timesteps}")
-    updates = -(-run.steps // config.paper.n_steps)
-    steps = updates * config.paper.n_steps
-    recorder = Recorder(
-        progress,
-        steps,
-        stride=max(1, steps // choices.visited_states),
-        scale=task.observation_scale,
-        checkpoint=None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity),
-        report=report,
-    )
+    steps = -(-run.steps // n_steps) * n_steps
+    kept = None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity)
+    recorder = Recorder(progress, steps, max(1, steps // choices.visited_states), kept, report)
     if model.num_timesteps < steps:
-        model.learn(
-            steps - model.num_timesteps, callback=recorder, reset_num_timesteps=model.num_timesteps == 0
-        )
+        model.learn(steps - model.num_timesteps, recorder, reset_num_timesteps=model.num_timesteps == 0)
     trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
     result = {
         **identity,
@@ -163,8 +151,8 @@ def train(
     }
     (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
     files.write_table(folder / "trials.csv", trials)
-    # a row is an update, in a short run a hundredth of it, but long enough that some trials end in it
-    window = min(config.paper.n_steps, max(256, steps // 100))
+    # a row is an update; in a short run a hundredth of the steps, but enough that some trials end in it
+    window = min(n_steps, max(256, steps // 100))
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     with files.beside(folder / "policy.zip") as temporary:

@@ -76,13 +76,10 @@ class Trial:
 
 
 def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
-    """Read the policy of a run into a learner of the same kind.
+    """Read the policy of a run into a learner of the same kind, and return this.
 
     stable-baselines3's own ``load`` unpickles, and a pickle can run any code. Only the tensors are read
     here, by torch's reader of plain weights.
-
-    Returns:
-        The learner.
 
     Raises:
         ResultError: the archive is missing, too large, damaged, or of another kind of policy.
