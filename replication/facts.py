@@ -197,9 +197,8 @@ class Facts:
         terms = terms[terms["class"] == SMALLEST].assign(third=terms[["e1", "e2"]].min(axis=1))
         parts = terms[["source_error", "half_divergence", "third"]].mean() / terms["bound"].mean()
         orders = read_table(folder / "theorem_orders.csv", ("visited_by", "delta", "quantity", "order of α"))
-        wide = orders.pivot_table(
-            index=["visited_by", "delta"], columns="quantity", values="order of α", aggfunc="first"
-        )
+        by = ["visited_by", "delta"]
+        wide = orders.pivot_table("order of α", index=by, columns="quantity", aggfunc="first")
         return {
             "ratio": (smallest["bound"] / smallest["error"]).agg(["min", "median", "max"]),
             "shares": parts.to_dict(),

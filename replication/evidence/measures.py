@@ -37,6 +37,7 @@ SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in 
 LABEL_EVERY = 25  # steps of a training between two labelled states, at least: nearer ones are much the same
 
 Labelled = tuple[Floats, Labels]  # states x [N, 6], rad and rad/s, and their labels [N]
+Learned = Mapping[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of α
 Row = tuple[Any, ...]  # of a table of measures
 
 
@@ -121,9 +122,7 @@ def measure_hypothesis(
     return values
 
 
-def measure_regions(
-    learned: Mapping[str, tuple[TrainingData, CompiledHypothesis]], config: Config, seed: int
-) -> list[Row]:
+def measure_regions(learned: Learned, config: Config, seed: int) -> list[Row]:
     """Rows of every measure of training data (of a seed) and of what was learned from them, by text of α."""
     rows: list[Row] = []
     states: dict[str, Labelled] = {}  # the same for all, as all data have the same MND

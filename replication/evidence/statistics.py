@@ -8,7 +8,7 @@ not) no interval of three seeds keeps its level: three runs of one kind say noth
 have t-intervals at every n; the bootstrap is left to statistics over many cells, which have no formula.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -54,25 +54,20 @@ def interquartile_mean(values: ArrayLike, axis: int = 0) -> Floats:
     return np.asarray(stats.trim_mean(np.asarray(values), 0.25, axis=axis))
 
 
-def stratified_bootstrap(
-    cells: Sequence[ArrayLike],
-    rng: Generator,
-    statistic: Callable[..., Floats] = interquartile_mean,
-    level: float = LEVEL,
-) -> Bounds:
-    """(low, high) of a statistic over all cells, by the percentile bootstrap; runs are drawn within a cell.
+def stratified_bootstrap(cells: Sequence[ArrayLike], rng: Generator) -> Bounds:
+    """95 % interval of the interquartile mean over all cells, by the percentile bootstrap.
 
-    cells: the values [n] of the runs of each condition; statistic: of all values, along an axis. NaN if a
-    cell has fewer than two values.
+    Runs are drawn within each cell. cells: the values [n] of the runs of each condition; NaN if a cell has
+    fewer than two.
     """
     if min(map(np.size, cells)) < 2:
         return float("nan"), float("nan")
 
     def over_cells(*samples: Floats, axis: int = -1) -> Floats:
-        return statistic(np.concatenate(samples, axis=axis), axis=axis)
+        return interquartile_mean(np.concatenate(samples, axis=axis), axis=axis)
 
     data = tuple(map(np.asarray, cells))
     found = stats.bootstrap(
-        data, over_cells, n_resamples=RESAMPLES, confidence_level=level, method="percentile", axis=-1, rng=rng
+        data, over_cells, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", axis=-1, rng=rng
     ).confidence_interval
     return float(found.low), float(found.high)

@@ -1,5 +1,6 @@
 """What README and report say of the claims: the verdicts of the paper's three seeds and of a larger set."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -61,19 +62,16 @@ def rows(figures: Path) -> list[dict[str, Any]]:
     and how many undecided; ``lost``: names of those that these seeds decide, and three with the same mean and
     spread would not. `ResultError`: a table is missing.
     """
-    folder, three = figures / resting(figures), read_table(figures / THREE / "claims.csv", COLUMNS)
-    claims, contrasts = (
-        read_table(folder / "claims.csv", COLUMNS),
-        read_table(folder / "contrasts.csv", CONTRASTS),
-    )
+    folder = figures / resting(figures)
+    claims = read_table(folder / "claims.csv", COLUMNS)
+    contrasts = read_table(folder / "contrasts.csv", CONTRASTS)
     if resting(figures) == LARGER:
-        verdicts = three[["id", "verdict"]].rename(columns={"verdict": "verdict_of_three"})
-        claims = claims.merge(verdicts, on="id", how="left")
+        three = read_table(figures / THREE / "claims.csv", COLUMNS)[["id", "verdict"]]
+        claims = claims.merge(three.rename(columns={"verdict": "verdict_of_three"}), on="id", how="left")
     told: list[Any] = claims.fillna("").to_dict("records")
-    tests = {claim.id: claim for claim in load_claims()}
+    tests, found = {claim.id: claim for claim in load_claims()}, []
     groups = [[c, *(j for j in told if j["joins"] == c["id"])] for c in told if not c["joins"]]
-    found = []
-    for claim in (entry for group in groups for entry in group):
+    for claim in itertools.chain(*groups):
         own = contrasts[contrasts["id"] == claim["id"]]
         counts = own["state"].value_counts().reindex(STATES, fill_value=0)
         states = " · ".join(str(counts[state]) for state in ("supports", "contradicts", "unresolved"))

@@ -31,9 +31,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
 
     The line is the paper's number with its tolerance, or the zero margin above which the claim holds.
     """
-    figure, (top, bottom) = plt.subplots(
-        2, 1, sharex=True, figsize=(8.0, 7.6), gridspec_kw={"height_ratios": (1.0, 2.0)}
-    )
+    figure, (top, bottom) = plt.subplots(2, 1, sharex=True, figsize=(8.0, 7.6), height_ratios=(1.0, 2.0))
     for kind, shape in SHAPES.items():
         part = table[table["design"] == kind]
         fills = np.where(part["holds"], INK, BACKGROUND)
@@ -51,10 +49,8 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
     top.set_title(f"{textwrap.fill(claim.statement, TITLE_WIDTH)}\n{counts}")
     levels = [[entry.level for entry in c.levels] for c in choices]
     codes = [table[c.id].map(names.index) for c, names in zip(choices, levels, strict=True)]
-    picture, colors = (
-        np.array(codes, float).reshape(len(choices), len(table)),
-        mpl.colors.ListedColormap(LEVELS),
-    )
+    picture = np.array(codes, float).reshape(len(choices), len(table))
+    colors = mpl.colors.ListedColormap(LEVELS)
     bottom.imshow(picture, colors, aspect="auto", interpolation="none", vmin=-0.5, vmax=len(LEVELS) - 0.5)
     labels = [f"{c.id}:  {' · '.join(names)}" for c, names in zip(choices, levels, strict=True)]
     bottom.set_yticks(range(len(choices)), labels, fontsize=7)

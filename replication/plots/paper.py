@@ -79,9 +79,7 @@ def plot_learning(ax: Axes, curves: pd.DataFrame, column: str) -> None:
     for name, group in curves.groupby("alpha", sort=True):
         table, alpha = group.pivot_table(index="step", columns="seed", values=column), str(name)
         ax.plot(table.index, table, color=color(alpha), linewidth=0.6, alpha=0.5)
-        (mean,) = ax.plot(
-            table.index, table.mean(axis=1), color=color(alpha), linewidth=1.8, label=label(alpha)
-        )
+        (mean,) = ax.plot(table.mean(axis=1), color=color(alpha), linewidth=1.8, label=label(alpha))
         mean.set(marker=style.MARKERS.get(alpha, "."), markersize=4, markevery=max(1, len(table) // 8))
     ax.set(xlabel="training step")
 
@@ -121,9 +119,8 @@ def _name_conditions(ax: Axes, names: list[str]) -> None:
 def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str, str]) -> None:
     """Theorem 1: the three terms of the bound as stacked bars, means over seeds; dots are the seeds.
 
-    table: a row per α (``alpha``), seed and class H (``class``), with the columns of `theorem.term_table`.
-    Filled dots: the true error; open dots: the bound. stacked: the class of the bars; marked: {class: marker}
-    of further classes, whose bounds are marks.
+    table: as `theorem.term_table`, with alpha. Filled dots: the true error; open dots: the bound. stacked:
+    the class of the bars; marked: {class: marker} of further classes, whose bounds are marks.
     """
     names = sorted(table["alpha"].unique())
     for i, name in enumerate(names):

@@ -30,13 +30,9 @@ def made_by() -> str:
 
 
 def read_made_by(figure: Path) -> dict[str, Any]:
-    """What made a figure.
+    """What made a figure, by the record in it: notebook, parameters, code and command, or `BY_HAND`.
 
-    Returns:
-        The record in the file: notebook, parameters, code and command, or `BY_HAND`.
-
-    Raises:
-        ResultError: the file is missing, too large, no PNG, PDF or GIF, or holds no such record.
+    `ResultError`: the file is missing, too large, no PNG, PDF or GIF, or holds no such record.
     """
     readers = {".png": _picture, ".gif": _picture, ".pdf": _document}
     kind = figure.suffix.lower()

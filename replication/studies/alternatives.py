@@ -82,9 +82,8 @@ def _pca(x: Floats, z: Labels, config: Config) -> Posterior:
     places = pca.transform(x / scale)
     grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
-    return Posterior(
-        kinds.LINEAR, region, np.ascontiguousarray(pca.components_), -pca.components_ @ pca.mean_
-    )
+    plane = pca.components_
+    return Posterior(kinds.LINEAR, region, np.ascontiguousarray(plane), -plane @ pca.mean_)
 
 
 def _knn(x: Floats, z: Labels, config: Config) -> Posterior:

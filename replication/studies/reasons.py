@@ -28,9 +28,8 @@ Variations = Iterable[Mapping[str, Any]]  # values other than the default, by na
 def integration(config: Config, substeps: Iterable[int], n: int, seed: int) -> pd.DataFrame:
     """Share of n UD states whose nominal label equals that of a much finer integration, by substeps."""
     x = samplers.sample_uniform(n, config.paper.state_max, np.random.default_rng(seed))
-    exact, *labels = (
-        ClosedLoop.from_config(config.with_values(substeps=s)).predict(x) for s in (FINE, *substeps)
-    )
+    loops = [ClosedLoop.from_config(config.with_values(substeps=count)) for count in (FINE, *substeps)]
+    exact, *labels = (loop.predict(x) for loop in loops)
     return pd.DataFrame({"substeps": list(substeps), "equal labels": [(l == exact).mean() for l in labels]})
 
 

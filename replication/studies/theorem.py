@@ -61,12 +61,6 @@ class Sample(NamedTuple):
         """The states x [N, 6], labelled by every function."""
         return cls(x, pd.DataFrame({name: f.predict(x) for name, f in functions.items()}))
 
-    @classmethod
-    def pool(cls, samples: Sequence["Sample"]) -> "Sample":
-        """All samples as one."""
-        labels = pd.concat([s.labels for s in samples], ignore_index=True)
-        return cls(np.concatenate([s.x for s in samples]), labels)
-
 
 def disagreement(a: pd.Series | Labels, b: pd.Series | Labels) -> float:
     """E[I(a(x) ≠ b(x))], the error of one labelling measured by the other."""
@@ -134,14 +128,14 @@ def term_table(targets: Mapping[Any, Sample], source: Sample, h: str) -> pd.Data
 
     Args:
         targets: for each seed states that its training visited, in random order and equally many.
-        source: states of D_n.
-        h: the hypothesis, a column of the labels.
+        source: states of D_n; h: the hypothesis, a column of the labels.
     """
     folds = {seed: np.arange(len(target.x)) % 2 for seed, target in targets.items()}
     samples = dict(targets)
     if len(targets) > 1:
-        samples[POOLED] = Sample.pool(list(targets.values()))
-        folds[POOLED] = np.repeat(np.arange(len(targets)), [len(t.x) for t in targets.values()])
+        x, labels = zip(*targets.values(), strict=True)
+        samples[POOLED] = Sample(np.concatenate(x), pd.concat(labels, ignore_index=True))
+        folds[POOLED] = np.repeat(np.arange(len(targets)), list(map(len, x)))
     rows = []
     for seed, target in samples.items():
         found = finite_divergences(target.labels, source.labels, h)

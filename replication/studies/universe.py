@@ -11,19 +11,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from replication.evidence.measures import Row, measure_run
+from replication.evidence.measures import Learned, Row, measure_run
 from replication.evidence.results import RECORD, TrainedRun, read_run
 from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.training import Run, identify, train
-from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
-from srlrepro.samplers import TrainingData, generate
+from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.samplers import generate
 from srlrepro.settings.condition import parse_alpha
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import read_json
 from srlrepro.storage.provenance import code_hash
-
-Learned = dict[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of α
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Universe:
 
     def learn_hypotheses(self) -> Learned:
         """The training data and the hypothesis of every α, as it is on the nominal system."""
-        learned: Learned = {}
+        learned = {}
         for alpha in self.alphas:
             share = parse_alpha(alpha)
             if share is not None:
