@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -145,12 +146,9 @@ def measure(turns: int) -> list[Timing]:
 
 
 @jit
-def _multiply(a: Reals, b: Reals, out: Reals, transposed: bool) -> None:
+def _multiply(a: Reals, b: Reals, out: Reals) -> None:
     for _ in range(REPEATS):
-        if transposed:
-            np.dot(a, b.T, out)
-        else:
-            np.dot(a, b, out)
+        np.dot(a, b, out)
 
 
 @jit
@@ -177,8 +175,8 @@ def kernels(turns: int) -> list[Timing]:
     )
     out = np.empty_like(a)
     works: list[Work] = [
-        lambda: _multiply(a, b, out, True),
-        lambda: _multiply(a, b, out, False),
+        lambda: _multiply(a, b.T, out),
+        lambda: _multiply(a, b, out),
         lambda: _library_tanh(x.copy()),
         lambda: _own_tanh(x.copy()),
     ]
@@ -193,13 +191,10 @@ def kernels(turns: int) -> list[Timing]:
 
 def start() -> Timing:
     """A training of one update in a new process: the first ever, which compiles, against a later one."""
-    seconds = []
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "srlrepro", "train", "--alpha", "none", "--delta", str(DELTA)]
         command += ["--seed", "0", "--steps", "1", "--out", f"{folder}/run"]
         environment = os.environ | {"NUMBA_CACHE_DIR": f"{folder}/cache"}
-        for _ in range(2):
-            begun = time.perf_counter()
-            subprocess.run(command, env=environment, check=True, capture_output=True)
-            seconds.append(time.perf_counter() - begun)
-    return Timing("first process with one update, against later ones", seconds[:1], seconds[1:])
+        train = partial(subprocess.run, command, env=environment, check=True, capture_output=True)
+        ((first, later),) = in_turns([train], 2)
+    return Timing("first process with one update, against later ones", [first], [later])

@@ -22,12 +22,9 @@ Actor = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # an action [3] fr
 
 
 class Transition(NamedTuple):
-    """One control period of π.
+    """One control period of π: states [6] before and after it in rad and rad/s, R, and what was said of it.
 
-    Attributes:
-        x, following: states [6] before and after it, rad and rad/s.
-        action: [3] in units of ``action_unit``; reward: R.
-        info: what the environment says of it.
+    action: [3] in units of ``action_unit``.
     """
 
     x: Floats
