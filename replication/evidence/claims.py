@@ -51,16 +51,8 @@ from replication.evidence.statistics import LEVEL, mean_interval, share_interval
 
 MEASURE_COLUMNS = ("measure", "alpha", "delta", "seed", "value")
 INCLUSIVE = ("at_least", "at_most", "near")  # the border belongs to the range in which the claim holds
-KINDS = {
-    *INCLUSIVE,
-    "decreasing",
-    "increasing",
-    "greater",
-    "less",
-    "larger_gap",
-    "smallest_drop",
-    "most_runs",
-}
+DIFFERENCES = ("decreasing", "increasing", "greater", "less", "larger_gap", "smallest_drop")
+KINDS = (*DIFFERENCES, *INCLUSIVE, "most_runs")
 STATES = ("supports", "contradicts", "unresolved", "not measured")
 VERDICTS = ("reproduced", "partly", "not reproduced", "inconclusive")
 PAPER_SEEDS = 3  # Sec. IV-A
