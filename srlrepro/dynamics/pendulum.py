@@ -194,6 +194,29 @@ class ThreeLinkPendulum:
         b[3:] = d @ np.linalg.solve(c, d.T)
         return a, b
 
+    def energy(self, x: ArrayLike) -> Floats:
+        """Kinetic plus potential energy [B] in J of states [B, 6], zero at rest at the height of the base."""
+        states = as_states(x)
+        c11, c12, c13, c22, c23, c33, *gb = self.coefficients
+        c = np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])
+        phi, rate = np.cumsum(states[:, :3], axis=1), np.cumsum(states[:, 3:], axis=1)
+        cosine = np.cos(phi[:, :, None] - phi[:, None, :])
+        kinetic = 0.5 * np.einsum("bj,jk,bjk,bk->b", rate, c, cosine, rate)
+        return np.asarray(kinetic + np.cos(phi) @ np.array(gb), np.float64)
+
+    def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Floats:
+        """States [B, 6] after one Runge-Kutta step of dt s from x [B, 6], with the torques u [B, 3] N·m held.
+
+        Raises:
+            ParameterError: shapes or values that are not allowed.
+        """
+        states, torques = as_states(x), np.atleast_2d(np.asarray(u, np.float64))
+        fits = torques.shape == (len(states), 3) and bool(np.isfinite(torques).all())
+        check(fits, "u", f"shape {torques.shape}", f"finite torques of shape [{len(states)}, 3]")
+        check(0 < dt < math.inf, "dt", dt, "a finite number of seconds > 0")
+        pairs = zip(states.tolist(), torques.tolist(), strict=True)
+        return np.array([rk4_step(self.coefficients, tuple(a), tuple(b), dt) for a, b in pairs])
+
     def joints(self, x: ArrayLike) -> Floats:
         """Positions [B, 4, 2] in m of the base, the two inner joints and the end-effector."""
         phi = np.cumsum(as_states(x)[:, :3], axis=1)

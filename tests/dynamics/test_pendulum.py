@@ -19,6 +19,7 @@ from sympy.physics import mechanics
 
 from srlrepro.dynamics import pendulum
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, derivative, rk4_step, tip
+from srlrepro.settings.fields import ParameterError
 
 DELTAS = (0.3, 1.0, 1.1, 1.5, 4.0)
 SYSTEMS = [ThreeLinkPendulum(delta) for delta in DELTAS] + [ThreeLinkPendulum(1.5, 0.7, 0.4, 3.7)]
@@ -29,15 +30,6 @@ def acceleration(system: ThreeLinkPendulum, x: Floats, u: Floats) -> Floats:
     """θ̈ [B, 3] rad/s² at the states x [B, 6] under the torques u [B, 3] N·m."""
     c = system.coefficients
     return np.array([derivative(c, tuple(a), tuple(b))[3:] for a, b in zip(x, u, strict=True)])
-
-
-def energy(system: ThreeLinkPendulum, x: Floats) -> Floats:
-    """Kinetic plus potential energy [B] in J, by the formula of the module."""
-    c11, c12, c13, c22, c23, c33, *gb = system.coefficients
-    c = np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])
-    phi, rate = np.cumsum(x[:, :3], axis=1), np.cumsum(x[:, 3:], axis=1)
-    cosine = np.cos(phi[:, :, None] - phi[:, None, :])
-    return 0.5 * np.einsum("bj,jk,bjk,bk->b", rate, c, cosine, rate) + np.cos(phi) @ np.array(gb)
 
 
 @cache
@@ -100,7 +92,7 @@ def test_energy_is_conserved_without_torque(system: ThreeLinkPendulum, draw: Dra
     start = 0.3 * draw(20)
     end = simulate(system, start, np.zeros((20, 3)), 1.0, 60_000)
     assert np.abs(end - start).max() > 1.0  # they have moved
-    np.testing.assert_allclose(energy(system, end), energy(system, start), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(system.energy(end), system.energy(start), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
@@ -110,7 +102,7 @@ def test_energy_grows_by_the_work_of_the_torques(system: ThreeLinkPendulum, draw
     end = simulate(system, start, torques, 0.5, 20_000)
     work = (torques * (end - start)[:, :3]).sum(axis=1)
     assert np.abs(work).min() > 1e-3
-    np.testing.assert_allclose(energy(system, end) - energy(system, start), work, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(system.energy(end) - system.energy(start), work, rtol=1e-8, atol=1e-8)
 
 
 def test_energy_is_that_of_the_moving_masses(draw: Draw) -> None:
@@ -126,7 +118,7 @@ def test_energy_is_that_of_the_moving_masses(draw: Draw) -> None:
     m = np.array(system.masses)
     kinetic = 0.5 * ((velocity**2).sum(axis=2) * m).sum(axis=1)
     potential = system.gravity * (masses_at(states)[:, :, 1] * m).sum(axis=1)
-    np.testing.assert_allclose(energy(system, states), kinetic + potential, rtol=1e-7)
+    np.testing.assert_allclose(system.energy(states), kinetic + potential, rtol=1e-7)
 
 
 def test_integrator_is_of_fourth_order() -> None:
@@ -246,3 +238,13 @@ def test_an_edit_reaches_what_was_compiled_before(
         )
         answers.append(done.stdout.strip())
     assert answers == ["True", "False"]
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=str)
+def test_a_step_is_that_of_the_compiled_integrator(system: ThreeLinkPendulum, draw: Draw) -> None:
+    x, u = draw(4), np.random.default_rng(1).uniform(-100, 100, (4, 3))
+    expected = [rk4_step(system.coefficients, tuple(a), tuple(b), 1e-3) for a, b in zip(x, u, strict=True)]
+    np.testing.assert_array_equal(system.step(x, u, 1e-3), expected)
+    for wrong in ((x, u[:3], 1e-3), (x, u * np.nan, 1e-3), (x, u, 0.0), (x, u, np.nan), (x[:, :5], u, 1e-3)):
+        with pytest.raises(ParameterError):
+            system.step(*wrong)
