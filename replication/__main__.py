@@ -49,9 +49,13 @@ def beside(arguments: argparse.Namespace) -> None:
         check(name in known, "NAME", name, f"one of {', '.join(sorted(known))}")
     check(arguments.first != arguments.second, "NAME", arguments.second, "another than the first")
     first, second = known[arguments.first], known[arguments.second]
-    table = compare_measures(first, second)
+    drawn_alone = [folder.name for folder in (first, second) if not (folder / "measures.csv").exists()]
+    table = None if drawn_alone else compare_measures(first, second)
     join_pictures(first, second, arguments.figure, arguments.out)
-    print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
+    if table is None:
+        print(f"{', '.join(drawn_alone)}: not measured, so that only the pictures stand side by side")
+    else:
+        print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
 
 
 def documents(arguments: argparse.Namespace) -> None:

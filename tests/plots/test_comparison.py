@@ -94,3 +94,15 @@ def test_the_command_writes_the_picture_and_prints_the_table(
     row = capsys.readouterr().out.splitlines()[1].split()
     assert row == ["success_rate", "1.1", "0", "0.6", "0.85", "0.25"]
     assert (tmp_path / "both.png").exists()
+
+
+def test_figures_of_a_variation_that_is_not_measured_stand_side_by_side_all_the_same(
+    folders: tuple[Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("replication.documents.FIGURES", tmp_path)
+    (folders[1] / "measures.csv").unlink()
+    assert main(["beside", "full", "p_t_0.5", "--figure", "fig", "--out", str(tmp_path / "both.png")]) == 0
+    assert capsys.readouterr().out.startswith("p_t_0.5: not measured") and (tmp_path / "both.png").exists()
