@@ -114,11 +114,12 @@ def forward(network: Network, memory: Passes) -> None:
         into = memory.output if layer == last else memory.inputs[layer + 1]
         if memory.ones.size == 1:  # matrix-vector products
             np.dot(network.weights[layer], received.ravel(), into.ravel())
+            into.ravel()[:] += bias
         else:
             np.dot(network.weights[layer], received, into)
-        for i in range(into.shape[0]):
-            for j in range(into.shape[1]):
-                into[i, j] += bias[i]
+            for i in range(into.shape[0]):
+                for j in range(into.shape[1]):
+                    into[i, j] += bias[i]
         if layer < last:
             tanh(into.ravel())
 

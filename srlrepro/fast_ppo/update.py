@@ -71,7 +71,9 @@ def loss_gradient(
     """Gradient of the loss of the minibatch ``index`` [B]; writes `STATISTICS` [6]."""
     actor, critic = learner.actor_passes, learner.critic_passes
     batch, actions = index.size, learner.log_std.size
-    actor.inputs[0][:] = samples.observations[index].T
+    for b in range(batch):
+        for j in range(samples.observations.shape[1]):
+            actor.inputs[0][j, b] = samples.observations[index[b], j]
     forward(learner.actor, actor)
     forward(learner.critic, critic)
     center, spread = 0.0, 1.0
