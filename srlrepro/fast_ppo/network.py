@@ -106,22 +106,39 @@ def tanh(x: Reals) -> None:
 
 
 @jit
+def _activate(sums: Reals, bias: Reals) -> None:
+    """Replace sums [units, B] by tanh(sums + bias), bias [units]."""
+    for i in range(sums.shape[0]):
+        for j in range(sums.shape[1]):
+            x = sums[i, j] + bias[i]
+            sums[i, j] = np.tanh(x) if sums.itemsize == 8 else _fraction(x)
+
+
+@jit
 def forward(network: Network, memory: Passes) -> None:
     """From ``inputs[0]`` to ``output``; keeps what each layer received."""
     last = len(network.weights) - 1
     for layer in range(last + 1):
-        received, bias = memory.inputs[layer], network.biases[layer]
         into = memory.output if layer == last else memory.inputs[layer + 1]
-        if memory.ones.size == 1:  # matrix-vector products
-            np.dot(network.weights[layer], received.ravel(), into.ravel())
-            into.ravel()[:] += bias
-        else:
-            np.dot(network.weights[layer], received, into)
-            for i in range(into.shape[0]):
-                for j in range(into.shape[1]):
-                    into[i, j] += bias[i]
+        np.dot(network.weights[layer], memory.inputs[layer], into)
         if layer < last:
-            tanh(into.ravel())
+            _activate(into, network.biases[layer])
+        else:
+            into += network.biases[layer].reshape(-1, 1)
+
+
+@jit
+def forward_one(network: Network, memory: Passes) -> None:
+    """`forward` for one sample ([in, 1]), with matrix-vector products."""
+    last = len(network.weights) - 1
+    for layer in range(last + 1):
+        into = (memory.output if layer == last else memory.inputs[layer + 1]).ravel()
+        np.dot(network.weights[layer], memory.inputs[layer].ravel(), into)
+        bias = network.biases[layer]
+        for i in range(into.size):
+            into[i] += bias[i]
+        if layer < last:
+            tanh(into)
 
 
 @jit

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
 from srlrepro.dynamics.pendulum import Floats, as_state, jit
-from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, forward
+from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, forward, forward_one
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
 from srlrepro.supervisor import Singles, Supervision, supervise
 
@@ -54,7 +54,7 @@ class Steps(NamedTuple):
 def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
     """Write a = μ(o) + σ ε, and return log π(a|o)."""
     policy.passes.inputs[0][:, 0] = observation
-    forward(policy.actor, policy.passes)
+    forward_one(policy.actor, policy.passes)
     log_prob = 0.0
     for j in range(action.size):
         std = np.exp(policy.log_std[j])
