@@ -51,11 +51,6 @@ def start(
 
 
 def tables(checkout: Path, name: str) -> dict[str, bytes]:
-    """{path below the results or figures of that name: bytes} of every table of results.
-
-    The records (times, memory) of what made them are no results.
-    """
+    """{path below the results or figures of that name: bytes} of every table of results."""
     folders = (checkout / "results" / name, checkout / "figures" / name)
-    found = {str(p.relative_to(f)): p.read_bytes() for f in folders for p in f.rglob("*.csv")}
-    found.pop("records.csv", None)
-    return found
+    return {str(p.relative_to(f)): p.read_bytes() for f in folders for p in f.rglob("*.csv")}
