@@ -37,11 +37,15 @@ def render(document: str, figures: Path = FIGURES) -> str:
     return environment.get_template(f"{Path(document).name}.jinja").render(facts=Facts(ROOT, figures))
 
 
+def stale() -> list[str]:
+    """The documents that differ from what the results and the configuration say."""
+    return [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+
+
 def check() -> None:
-    """Raise `ResultError` if a document differs from what the results and the configuration say."""
-    stale = [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
-    if stale:
-        raise ResultError(f"stale: {', '.join(stale)}; run python -m replication documents")
+    """Raise `ResultError` if a document is `stale`."""
+    if found := stale():
+        raise ResultError(f"stale: {', '.join(found)}; run python -m replication documents")
 
 
 def write() -> None:
