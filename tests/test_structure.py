@@ -109,6 +109,14 @@ def test_the_closure_of_a_notebook_holds_what_it_loads(path: Path) -> None:
     assert f"notebooks/{path.name}" in found
 
 
+def test_a_public_name_counts_however_it_is_used(tmp_path: Path) -> None:
+    for code in ("from srlrepro import LQG", "import srlrepro\nsrlrepro.LQG()"):
+        path = tmp_path / f"{len(code)}.py"
+        path.write_text(code)
+        closure.cache_clear()
+        assert "srlrepro/dynamics/lqg.py" in closure(str(path))
+
+
 def test_every_rule_has_its_notebook_and_what_that_imports_as_inputs() -> None:
     rules = re.split(r"(?m)^rule ", RULES)[1:]
     executing = 0

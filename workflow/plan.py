@@ -88,25 +88,31 @@ def figures() -> dict[str, dict[str, str]]:
     return found
 
 
-def _command(arguments: argparse.Namespace, alphas: list[str], deltas: list[float], steps: int | None) -> str:
-    """The command line that gives this plan again, wherever and however its jobs run."""
+def _command(
+    arguments: argparse.Namespace, alphas: list[str], deltas: list[float], texts: list[str], steps: int | None
+) -> str:
+    """The command line that gives this plan again, wherever its jobs run; texts: of the settings."""
     words = ["./reproduce.sh", *(["--quick"] if arguments.quick else [])]
     words += [f"--{arguments.study}"] if arguments.study else []
     words += ["--alphas", *alphas] if alphas != ALPHAS else []
     words += ["--deltas", *(f"{delta:g}" for delta in deltas)] if arguments.deltas != DELTAS else []
     words += ["--seeds", str(arguments.seeds)] if arguments.seeds != SEEDS else []
     words += ["--steps", str(steps)] if steps is not None else []
-    settings = setting_texts(parse_settings(arguments.settings))
-    words += ["--set", *settings] if settings else []
+    words += ["--set", *texts] if texts else []
     words += ["--name", arguments.name] if arguments.name is not None else []
     return shlex.join(words)
 
 
 def _names(
-    arguments: argparse.Namespace, alphas: list[str], deltas: list[float], steps: int, usual: int
+    arguments: argparse.Namespace,
+    alphas: list[str],
+    deltas: list[float],
+    texts: list[str],
+    steps: int,
+    usual: int,
 ) -> dict[str, str]:
-    """cells, look and name of the module, and what is varied in the words of the figures' note."""
-    settings = [text.replace("=", "-", 1) for text in setting_texts(parse_settings(arguments.settings))]
+    """``cells``, ``look`` and ``name`` of the module; texts: of the settings; usual: steps if not varied."""
+    settings = [text.replace("=", "-", 1) for text in texts]
     if arguments.study:
         base = f"{arguments.study}_quick" if arguments.quick else arguments.study
     else:
@@ -117,13 +123,11 @@ def _names(
     if not arguments.study:
         grid += ["deltas_" + "_".join(f"{d:g}" for d in deltas)] if deltas != DELTAS else []
     seeds = [f"seeds_{arguments.seeds}"] if arguments.seeds != SEEDS else []
-    look = cells + grid
-    name = look + seeds
-    if len(name) > 1 and name[0] == "full":
-        name = name[1:]
-    if len(look) > 1 and look[0] == "full":
-        look = look[1:]
-    return {"name": folder_name(name), "look": folder_name(look), "cells": folder_name(cells)}
+    parts = {"name": cells + grid + seeds, "look": cells + grid, "cells": cells}
+    return {
+        key: folder_name(words[1:] if len(words) > 1 and words[0] == "full" else words)
+        for key, words in parts.items()
+    }
 
 
 def plan(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -162,11 +166,12 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     usual = config.choices.quick_steps if arguments.quick else longest
     steps = usual if arguments.steps is None else arguments.steps
     check_whole("--steps", steps, 1)
-    names = _names(arguments, alphas, deltas, steps, usual)
+    texts = setting_texts(settings)
+    names = _names(arguments, alphas, deltas, texts, steps, usual)
     full = config.choices.total_steps
     notes = [f"reduced: {steps} of {full} training steps"] if steps < full else []
     notes += [f"longer: {steps} instead of {full} training steps"] if steps > full else []
-    varied = f"varied: {', '.join(setting_texts(settings))}" if settings else ""
+    varied = f"varied: {', '.join(texts)}" if settings else ""
     only = ""
     if arguments.only is not None:
         known = figures()
@@ -190,7 +195,7 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "note": "; ".join([*notes, *([varied] if varied else [])]),
         "study": arguments.study,
         "few": arguments.quick and bool(arguments.study),
-        "command": _command(arguments, alphas, deltas, None if steps == usual else steps),
+        "command": _command(arguments, alphas, deltas, texts, None if steps == usual else steps),
     }
     if arguments.name not in (None, names["name"]):
         check_name(arguments.name)

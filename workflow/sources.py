@@ -31,6 +31,8 @@ def _imported(code: str) -> set[str]:
                 {PUBLIC.get(alias.name, "") for alias in node.names} if node.module == "srlrepro" else set()
             )
             found |= {node.module, *names, *lazy}
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "srlrepro":
+            found.add(PUBLIC.get(node.attr, "srlrepro"))  # a public name, loaded as it is used
     parts = [name.split(".") for name in found]
     return {".".join(words[:n]) for words in parts for n in range(1, len(words) + 1)}
 

@@ -37,6 +37,8 @@ from srlrepro.storage import files
 from srlrepro.storage.provenance import provenance
 from srlrepro.supervisor import Supervisor
 
+SHORTEST = 256  # steps of a row of the learning curve, at least, so that some trials end in it
+
 
 @dataclass(frozen=True)
 class Run(Condition):
@@ -151,8 +153,7 @@ def train(
     }
     (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
     files.write_table(folder / "trials.csv", trials)
-    # a row is an update; in a short run a hundredth of the steps, but enough that some trials end in it
-    window = min(n_steps, max(256, steps // 100))
+    window = min(n_steps, max(SHORTEST, steps // 100))  # an update; less in a short run
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     with files.beside(folder / "policy.zip") as temporary:
