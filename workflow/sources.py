@@ -38,7 +38,7 @@ def _imported(code: str) -> set[str]:
 
 
 def code_of(start: str) -> str:
-    """SHA-256 of a file and of everything that it imports (`closure`): paths and contents."""
+    """SHA-256 of a file and of everything that it imports (`closure`): names and contents."""
     digest = hashlib.sha256()
     for name in closure(start):
         digest.update(Path(name).name.encode() + b"\0" + (ROOT / name).read_bytes() + b"\0")
