@@ -15,7 +15,7 @@ import pandas as pd
 import torch
 from stable_baselines3 import PPO
 
-from srlrepro.dynamics.pendulum import jit
+from srlrepro.compiled.jit import jit
 from srlrepro.fast_ppo.network import Network, Optimizer, Passes, Reals, adam, tanh
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.fast_ppo.update import Learner

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torque
-from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states, jit
+from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states
 from srlrepro.settings.condition import check_share
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check

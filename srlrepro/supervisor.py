@@ -6,10 +6,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import NOT_RECOVERED, OUTCOMES, ClosedLoop, Rollouts, recover
 from srlrepro.dynamics.lqg import LQG, Gains
-from srlrepro.dynamics.pendulum import Floats, jit
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import NO_GAINS, CompiledHypothesis, Hypothesis, Posterior, safe_probability
 from srlrepro.settings.fields import ParameterError, check
 

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parent.parent
 ROOMS = [
     "settings",
     "storage",
+    "compiled",
     "dynamics",
     "samplers",
     "region",

@@ -10,8 +10,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, ClosedLoop, Limits, hold_torque
-from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, as_state, jit, tip
+from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, as_state, tip
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
 

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.lqg import LQG, Gains, lqg_update
 from srlrepro.dynamics.pendulum import (
     Coefficients,
@@ -20,7 +21,6 @@ from srlrepro.dynamics.pendulum import (
     Torque,
     as_state,
     as_states,
-    jit,
     rk4_step,
 )
 from srlrepro.settings.choices import Choices

@@ -28,7 +28,8 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 from scipy.signal import cont2discrete
 
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, jit
+from srlrepro.compiled.jit import jit
+from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import check_parameters
 from srlrepro.settings.fields import check

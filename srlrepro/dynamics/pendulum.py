@@ -22,19 +22,14 @@ differences gives θ̈, i.e. ẋ = f(x) + g(x) u of eq. (7); eq. (1) is the same
 difference being d(x).
 """
 
-import hashlib
 import math
-import os
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import cast
 
-import numba
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from srlrepro.compiled.jit import jit
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import check_delta
 from srlrepro.settings.config import check_parameters
@@ -45,22 +40,6 @@ Floats = NDArray[np.float64]
 State = tuple[float, float, float, float, float, float]
 Torque = tuple[float, float, float]
 Coefficients = tuple[float, float, float, float, float, float, float, float, float]
-
-# numba does not notice when a compiled function calls one that has changed in another file, so compiled
-# code is kept apart by the sources of everything that is compiled.
-_package = Path(__file__).resolve().parents[1]
-_texts = (path.read_bytes() for path in sorted(_package.rglob("*.py")))
-_sources = b"".join(text for text in _texts if b"@jit" in text)
-_kept = Path(os.environ.get("NUMBA_CACHE_DIR") or _package / "__pycache__")
-_name = f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
-numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def jit(function: Function) -> Function:
-    """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
-    return cast(Function, njit(cache=True, error_model="numpy")(function))
 
 
 @jit

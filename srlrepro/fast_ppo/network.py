@@ -15,7 +15,7 @@ from numba import njit
 from numpy.polynomial.polynomial import polyadd, polymulx
 from numpy.typing import NDArray
 
-from srlrepro.dynamics.pendulum import Function, jit
+from srlrepro.compiled.jit import Function, jit
 
 Reals = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
-from srlrepro.dynamics.pendulum import Floats, as_state, jit
+from srlrepro.dynamics.pendulum import Floats, as_state
 from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, forward, forward_one
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
 from srlrepro.supervisor import Singles, Supervision, supervise

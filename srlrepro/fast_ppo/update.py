@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srlrepro.dynamics.pendulum import Floats, jit
+from srlrepro.compiled.jit import jit
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.fast_ppo.network import Integers, Network, Optimizer, Passes, Reals, adam, backward, forward
 
 HALF_LOG_2PI = 0.5 * np.log(2 * np.pi)

@@ -15,9 +15,10 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Loop, recover
 from srlrepro.dynamics.lqg import Gains
-from srlrepro.dynamics.pendulum import Floats, jit
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.mapping import map_state
 from srlrepro.region.safety_map import RegionArrays, look_up, query
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from srlrepro.dynamics.pendulum import Floats, as_state, jit
+from srlrepro.compiled.jit import jit
+from srlrepro.dynamics.pendulum import Floats, as_state
 
 FAR = 1e6  # half ranges: beyond, all training states are equally far away
 

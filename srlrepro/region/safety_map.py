@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import Labels
-from srlrepro.dynamics.pendulum import Floats, jit
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.mapping import map_state
 
 MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a kernel weighs under 1.2 %

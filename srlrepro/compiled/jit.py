@@ -1,0 +1,30 @@
+"""The compiler: numba, with code that is kept on disk until a source of compiled code changes.
+
+Nothing here lets the compiler reorder a sum or fuse a product with it. So the loops have the bits of the
+order in which they are written, whatever the width of the processor's vectors.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba import njit
+
+# numba does not notice when a compiled function calls one that has changed in another file, so compiled
+# code is kept apart by the sources of everything that is compiled.
+_package = Path(__file__).resolve().parents[1]
+_texts = (path.read_bytes() for path in sorted(_package.rglob("*.py")))
+_sources = b"".join(text for text in _texts if b"@jit" in text or b"@intrinsic" in text)
+_kept = Path(os.environ.get("NUMBA_CACHE_DIR") or _package / "__pycache__")
+_name = f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
+numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def jit(function: Function) -> Function:
+    """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
+    return cast(Function, njit(cache=True, error_model="numpy")(function))
