@@ -38,7 +38,7 @@ def _fused(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
     return a(a, a, a), generate
 
 
-def fma(a: float, b: float, c: float) -> float:
+def fma(a: Any, b: Any, c: Any) -> Any:
     """a b + c, rounded once; in compiled code all three float64 or all three float32."""
     if not all(map(math.isfinite, (a, b, c))):
         return a * b + c

@@ -5,28 +5,25 @@ A layer computes a_l = tanh(W_l a_{l-1} + b_l), the last one W a + b. Columns ar
 The passes work for float32 and float64. In float32, tanh is the twelfth-order Lambert continued fraction
 x / (1 + x² / (3 + x² / (5 + …))): it differs from the exact value by three units of rounding at most, and it
 vectorises where the C library's function does not.
+
+Sums are fused in a written order, roots and divisions are exact: the bits depend on no processor.
 """
 
 from fractions import Fraction
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.polynomial.polynomial import polyadd, polymulx
 from numpy.typing import NDArray
 
-from srlrepro.compiled.jit import Function, jit
+from srlrepro.compiled.arithmetic import fma
+from srlrepro.compiled.jit import jit
+from srlrepro.compiled.products import product, product_transposed, transpose
 
 Reals = NDArray[np.floating[Any]]
 Integers = NDArray[np.int64]
 FLAT = np.float32(9.0)  # |x| beyond which tanh x is 1 in float32
 LEVELS = 13  # of the continued fraction
-TINY = 1e-30  # keeps the reciprocal root of Adam's second moment finite where that moment is 0
-
-
-def fused(function: Function) -> Function:
-    """`jit` for float32 loops: products and sums fuse; a reciprocal root is an estimate and a Newton step."""
-    return cast(Function, njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})(function))
 
 
 def _lambert(levels: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -64,14 +61,26 @@ class Passes(NamedTuple):
         across: the same, [B, in].
         deltas: gradients of the loss by the layer's sums W a + b, [out, B]; the last is the caller's to fill.
         output: [out, B] of the last layer.
-        ones: [B], to sum over samples.
     """
 
     inputs: tuple[Reals, ...]
     across: tuple[Reals, ...]
     deltas: tuple[Reals, ...]
     output: Reals
-    ones: Reals
+
+
+class Single(NamedTuple):
+    """A network for one sample at a time, with memory for it.
+
+    Attributes:
+        columns: the weights as [in, out], so that a product reads them in the order in which they lie.
+        biases: of the network itself.
+        rows: what each layer receives, [1, in], and what the last one gives, [1, out].
+    """
+
+    columns: tuple[Reals, ...]
+    biases: tuple[Reals, ...]
+    rows: tuple[Reals, ...]
 
 
 def passes(network: Network, samples: int) -> Passes:
@@ -83,18 +92,25 @@ def passes(network: Network, samples: int) -> Passes:
         tuple(np.zeros((samples, inputs), kind) for _, inputs in shapes),
         tuple(np.zeros((outputs, samples), kind) for outputs, _ in shapes),
         np.zeros((shapes[-1][0], samples), kind),
-        np.ones(samples, kind),
     )
 
 
-@fused
+def single(network: Network) -> Single:
+    """Fresh memory for one sample at a time; `turn` copies the weights into it."""
+    kind = network.weights[0].dtype
+    widths = [network.weights[0].shape[1], *(len(bias) for bias in network.biases)]
+    columns = tuple(np.zeros(w.shape[::-1], kind) for w in network.weights)
+    return Single(columns, network.biases, tuple(np.zeros((1, width), kind) for width in widths))
+
+
+@jit
 def _fraction(x: np.float32) -> np.float32:
     """tanh x of a float32 number."""
     v = min(max(x, -FLAT), FLAT)
     s = v * v
     p, q = P[0], Q[0]
     for i in range(1, len(P)):
-        p, q = p * s + P[i], q * s + Q[i]
+        p, q = fma(p, s, P[i]), fma(q, s, Q[i])
     return v * p / q  # type: ignore[no-any-return]
 
 
@@ -102,16 +118,19 @@ def _fraction(x: np.float32) -> np.float32:
 def tanh(x: Reals) -> None:
     """Replace x [N] by its hyperbolic tangent."""
     for i in range(x.size):
-        x[i] = np.tanh(x[i]) if x.itemsize == 8 else _fraction(x[i])
+        x[i] = np.tanh(x[i]) if x.itemsize == 8 else _fraction(np.float32(x[i]))
 
 
 @jit
-def _activate(sums: Reals, bias: Reals) -> None:
-    """Replace sums [units, B] by tanh(sums + bias), bias [units]."""
+def _finish(sums: Reals, bias: Reals, hidden: bool) -> None:
+    """Replace sums [units, B] by sums + bias, bias [units], and that by its tanh in a hidden layer."""
     for i in range(sums.shape[0]):
         for j in range(sums.shape[1]):
             x = sums[i, j] + bias[i]
-            sums[i, j] = np.tanh(x) if sums.itemsize == 8 else _fraction(x)
+            if hidden:
+                sums[i, j] = np.tanh(x) if sums.itemsize == 8 else _fraction(np.float32(x))
+            else:
+                sums[i, j] = x
 
 
 @jit
@@ -120,67 +139,66 @@ def forward(network: Network, memory: Passes) -> None:
     last = len(network.weights) - 1
     for layer in range(last + 1):
         into = memory.output if layer == last else memory.inputs[layer + 1]
-        np.dot(network.weights[layer], memory.inputs[layer], into)
-        if layer < last:
-            _activate(into, network.biases[layer])
-        else:
-            into += network.biases[layer].reshape(-1, 1)
+        product(network.weights[layer], memory.inputs[layer], into)
+        _finish(into, network.biases[layer], layer < last)
 
 
 @jit
-def forward_one(network: Network, memory: Passes) -> None:
-    """`forward` for one sample ([in, 1]), with matrix-vector products."""
-    last = len(network.weights) - 1
+def turn(network: Network, memory: Single) -> None:
+    """Copy the weights of a network into the memory of `forward_one`."""
+    for layer in range(len(network.weights)):
+        transpose(network.weights[layer], memory.columns[layer])
+
+
+@jit
+def forward_one(memory: Single) -> None:
+    """`forward` for one sample, from the first of ``rows`` to the last, with the same bits."""
+    last = len(memory.columns) - 1
     for layer in range(last + 1):
-        into = (memory.output if layer == last else memory.inputs[layer + 1]).ravel()
-        np.dot(network.weights[layer], memory.inputs[layer].ravel(), into)
-        bias = network.biases[layer]
-        for i in range(into.size):
-            into[i] += bias[i]
-        if layer < last:
-            tanh(into)
+        into = memory.rows[layer + 1]
+        product(memory.rows[layer], memory.columns[layer], into)
+        _finish(into.T, memory.biases[layer], layer < last)
 
 
 @jit
 def backward(network: Network, memory: Passes, gradient: Network) -> None:
     """From the last of ``deltas`` to the gradient of every weight and bias."""
-    last = len(network.weights) - 1
-    for layer in range(last, -1, -1):
+    for layer in range(len(network.weights) - 1, -1, -1):
         delta, received = memory.deltas[layer], memory.inputs[layer]
-        if layer == last:  # few rows: a transposed right factor costs less than a transposition
-            np.dot(delta, received.T, gradient.weights[layer])
-        else:
-            memory.across[layer][:] = received.T
-            np.dot(delta, memory.across[layer], gradient.weights[layer])
-        np.dot(delta, memory.ones, gradient.biases[layer])
+        transpose(received, memory.across[layer])
+        product(delta, memory.across[layer], gradient.weights[layer])
+        bias = gradient.biases[layer]
+        for i in range(bias.size):
+            total = bias.dtype.type(0)
+            for b in range(delta.shape[1]):
+                total += delta[i, b]
+            bias[i] = total
         if layer > 0:
             below = memory.deltas[layer - 1]
-            np.dot(network.weights[layer].T, delta, below)
+            product_transposed(network.weights[layer], delta, below)
             flat, unit, one = below.ravel(), received.ravel(), below.dtype.type(1)
             for i in range(flat.size):
-                flat[i] *= one - unit[i] * unit[i]  # tanh' = 1 − tanh²
+                flat[i] *= fma(-unit[i], unit[i], one)  # tanh' = 1 − tanh²
 
 
-@fused
+@jit
 def adam(
     values: Reals, gradient: Reals, mean: Reals, square: Reals, factor: float, optimizer: Optimizer, step: int
 ) -> None:
     """One step of Adam with bias correction (Kingma & Ba, 2015), as torch does it, on flat arrays.
 
     values: the parameters, updated; mean, square: running moments, updated; factor: multiplies the gradient;
-    step: from 1, beyond those that the optimizer has done. √v is computed as v / √v, whose reciprocal root
-    the processor estimates faster than it divides.
+    step: from 1, beyond those that the optimizer has done.
     """
     number = values.dtype.type
     (keep1, keep2), step = optimizer.betas, optimizer.steps + step
     fresh1, fresh2, old2 = number(1 - keep1), number(1 - keep2), number(keep2)
     size = number(optimizer.rate / (1 - keep1**step))
     scale = number(1 / np.sqrt(1 - keep2**step))
-    small, clip, one, tiny = number(optimizer.eps), number(factor), number(1), number(TINY)
+    small, clip = number(optimizer.eps), number(factor)
     for i in range(values.size):
         g = clip * gradient[i]
-        m = mean[i] + fresh1 * (g - mean[i])
-        v = old2 * square[i] + fresh2 * g * g
+        m = fma(fresh1, g - mean[i], mean[i])
+        v = fma(old2, square[i], fresh2 * g * g)
         mean[i], square[i] = m, v
-        root = v * (one / np.sqrt(v + tiny))
-        values[i] -= size * m / (root * scale + small)
+        values[i] -= size * m / fma(np.sqrt(v), scale, small)

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
 from srlrepro.dynamics.pendulum import Floats, as_state
-from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, forward, forward_one
+from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, Single, forward, forward_one, turn
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
 from srlrepro.supervisor import Singles, Supervision, supervise
 
 
 class Policy(NamedTuple):
-    """μ with the memory for one observation, and log σ."""
+    """μ, log σ, and the memory for one observation."""
 
     actor: Network
     log_std: Reals
-    passes: Passes
+    single: Single
 
 
 class Steps(NamedTuple):
@@ -54,12 +54,11 @@ class Steps(NamedTuple):
 @jit
 def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
     """Write a = μ(o) + σ ε, and return log π(a|o)."""
-    policy.passes.inputs[0][:, 0] = observation
-    forward_one(policy.actor, policy.passes)
-    log_prob = 0.0
+    policy.single.rows[0][0] = observation
+    forward_one(policy.single)
+    means, log_prob = policy.single.rows[-1][0], 0.0
     for j in range(action.size):
-        std = np.exp(policy.log_std[j])
-        mean = policy.passes.output[j, 0]
+        std, mean = np.exp(policy.log_std[j]), means[j]
         action[j] = mean + std * noise[j]
         z = (np.float64(action[j]) - mean) / std
         log_prob -= 0.5 * z * z + policy.log_std[j] + HALF_LOG_2PI
@@ -77,6 +76,7 @@ def collect(
     Returns:
         The control periods of the last trial that are over.
     """
+    turn(policy.actor, policy.single)
     observation = np.empty(8, np.float32)
     observe(task, as_state(x), period, observation)
     for n in range(noise.shape[0]):
@@ -112,7 +112,7 @@ def blank(count: int) -> Steps:
 @jit
 def values(critic: Network, memory: Passes, observations: Singles) -> Singles:
     """V [N] of observations [N, 8], as many at a time as the memory holds."""
-    batch, out = memory.ones.size, np.empty(len(observations), np.float32)
+    batch, out = memory.output.shape[1], np.empty(len(observations), np.float32)
     for start in range(0, out.size, batch):
         count = min(batch, out.size - start)
         memory.inputs[0][:, :count] = observations[start : start + count].T

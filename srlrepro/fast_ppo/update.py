@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srlrepro.compiled.jit import jit
+from srlrepro.compiled.products import square_sum
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.fast_ppo.network import Integers, Network, Optimizer, Passes, Reals, adam, backward, forward
 
@@ -128,7 +129,7 @@ def update(learner: Learner, samples: Samples, orders: Integers, loss: Loss, opt
     statistics = np.empty((len(orders), len(STATISTICS)))
     for step in range(len(orders)):
         loss_gradient(learner, samples, orders[step], loss, statistics[step])
-        norm = np.sqrt(np.dot(learner.gradient, learner.gradient))
+        norm = np.sqrt(square_sum(learner.gradient))
         factor = min(loss.max_grad_norm / (norm + 1e-6), 1.0)
         moments = learner.mean, learner.square
         adam(learner.parameters, learner.gradient, *moments, factor, optimizer, step + 1)
