@@ -251,7 +251,7 @@ def _squares(typing: Any, x: Any, count: Any, sums: Any) -> Any:
 
 @jit
 def square_sum(x: Reals) -> float:
-    """Σ x² of a contiguous x [N]: WIDE vectors of running sums, then added in double precision in their order."""
+    """Σ x² of a contiguous x [N]: WIDE vectors of running sums, then added up in double precision."""
     width = WIDE * (LINE // x.itemsize)
     sums, count = np.zeros(width, x.dtype), x.size // width
     if count > 0:

@@ -157,7 +157,10 @@ def forward_one(memory: Single) -> None:
     for layer in range(last + 1):
         into = memory.rows[layer + 1]
         product(memory.rows[layer], memory.columns[layer], into)
-        _finish(into.T, memory.biases[layer], layer < last)
+        for i in range(into.size):
+            into[0, i] += memory.biases[layer][i]
+        if layer < last:
+            tanh(into[0])
 
 
 @jit
