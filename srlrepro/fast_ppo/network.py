@@ -157,10 +157,11 @@ def forward_one(memory: Single) -> None:
     for layer in range(last + 1):
         into = memory.rows[layer + 1]
         product(memory.rows[layer], memory.columns[layer], into)
-        for i in range(into.size):
-            into[0, i] += memory.biases[layer][i]
+        units, bias = into[0], memory.biases[layer]
+        for i in range(units.size):
+            units[i] += bias[i]
         if layer < last:
-            tanh(into[0])
+            tanh(units)
 
 
 @jit
