@@ -36,7 +36,7 @@ class Experience:
     """What a learner has seen of the real system; states are in rad and rad/s."""
 
     x: Floats  # [N, 6] at the start of a control period
-    actions: Floats  # [N, 3] of π, in units of ``action_unit``
+    actions: NDArray[np.float32]  # [N, 3] of π, in units of ``action_unit``
     following: Floats  # [N, 6] at the end of the control period
     activated: Floats  # [M, 6] states in which K was activated
     safe: Labels  # [M] whether it recovered the system
@@ -78,7 +78,8 @@ def explore(
         ParameterError: no trial, or h(x) = 0 at the start of a trial.
     """
     check(trials >= 1, "trials", trials, "a whole number in [1, inf)")
-    env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, ClosedLoop.from_config(config).controller)
+    controller = ClosedLoop.from_config(config).controller
+    env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, controller)
     env.reset()  # refuses a region that predicts the origin as unsafe
     task = env.task.arrays
     most = trials * task.periods

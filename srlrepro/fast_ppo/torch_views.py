@@ -25,9 +25,10 @@ UNCOMPILED = "__dynamo_disable"  # torch keeps there what it calls in place of s
 def without_compiler() -> Iterator[None]:
     """Leave torch's compiler unloaded where an optimiser is made, read or filled.
 
-    Its `BOOKKEEPING` imports the compiler, which takes a second of every process, only to be left alone by it.
+    Its `BOOKKEEPING` imports the compiler, a second of every process, only to be left alone by it.
     """
-    functions = [getattr(f, "__wrapped__", f) for f in (getattr(torch.optim.Optimizer, n) for n in BOOKKEEPING)]
+    methods = [getattr(torch.optim.Optimizer, name) for name in BOOKKEEPING]
+    functions = [getattr(method, "__wrapped__", method) for method in methods]
     functions = [function for function in functions if not hasattr(function, UNCOMPILED)]
     for function in functions:
         setattr(function, UNCOMPILED, function)

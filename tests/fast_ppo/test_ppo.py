@@ -349,10 +349,10 @@ def test_making_and_saving_a_learner_leaves_torchs_compiler_unloaded(tmp_path: P
 import sys, torch
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.fast_ppo.ppo import CompiledPPO
-before = [dict(vars(getattr(torch.optim.Optimizer, n).__wrapped__)) for n in ("add_param_group", "state_dict")]
+added, stored = (getattr(torch.optim.Optimizer, n).__wrapped__ for n in ("add_param_group", "state_dict"))
+before = dict(vars(added)), dict(vars(stored))
 CompiledPPO("MlpPolicy", ThreeLinkCircleEnv(), device="cpu").save({str(tmp_path / "model.zip")!r})
-after = [dict(vars(getattr(torch.optim.Optimizer, n).__wrapped__)) for n in ("add_param_group", "state_dict")]
-print("torch._dynamo" in sys.modules, before == after)
+print("torch._dynamo" in sys.modules, before == (dict(vars(added)), dict(vars(stored))))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True"]

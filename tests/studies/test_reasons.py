@@ -44,7 +44,7 @@ def test_a_torque_held_longer_makes_less_of_the_mnd_safe() -> None:
 
 
 def test_calibration_reuses_embeddings_without_changing_a_score() -> None:
-    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200).set_index("variation")
+    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200, {}).set_index("variation")
     data, varied = generate(1.0, CONFIG, 0), CONFIG.with_values(psi_neighbours=4)
     region = learn_region(data, varied, 0)
     x = np.random.default_rng([0, 2]).uniform(
