@@ -17,15 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
-from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
-from srlrepro.dynamics.pendulum import Floats
-from srlrepro.learner.trials import Transition, transitions, untrained
-from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.compiled.jit import jit
+from srlrepro.dynamics.circle_env import Task, ThreeLinkCircleEnv, advance
+from srlrepro.dynamics.closed_loop import RECOVERED, ClosedLoop, Labels
+from srlrepro.dynamics.pendulum import Floats, as_state
+from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
-from srlrepro.supervisor import Supervisor
+from srlrepro.supervisor import NOT_TRIED, Supervision, Supervisor, supervise
+
+Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,40 +36,75 @@ class Experience:
     """What a learner has seen of the real system; states are in rad and rad/s."""
 
     x: Floats  # [N, 6] at the start of a control period
-    actions: Floats  # [N, 3] of π, in units of ``action_unit``
+    actions: NDArray[np.float32]  # [N, 3] of π, in units of ``action_unit``
     following: Floats  # [N, 6] at the end of the control period
     activated: Floats  # [M, 6] states in which K was activated
     safe: Labels  # [M] whether it recovered the system
     times: Floats  # [M] s, until the outcome
 
 
-def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: Generator) -> Experience:
-    """Trials of an untrained policy (mean 0, the initial std) on the real system of Δ under a supervisor."""
+@jit
+def _explore(
+    task: Task, supervision: Supervision, actions: Floats, x: Floats, following: Floats, ends: Counts
+) -> None:
+    """Trials one after the other, each from the origin; they take the actions in turn, as many as they need.
+
+    Fills x and following [N, 6], the states before and after each step, and for each trial a row of
+    ends [trials, 3]: steps so far, key of `RECOVERIES` (0: K was not needed), control periods of K.
+    """
+    n = 0
+    for trial in range(ends.shape[0]):
+        state, period, ended = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, 0
+        while ended == 0:
+            x[n, 0], x[n, 1], x[n, 2], x[n, 3], x[n, 4], x[n, 5] = state
+            action = (actions[n, 0], actions[n, 1], actions[n, 2])
+            state, _, ended = advance(task, state, action, period)
+            new = following[n]
+            new[0], new[1], new[2], new[3], new[4], new[5] = state
+            n, period = n + 1, period + 1
+            recovery, periods = supervise(supervision, task, new, ended)
+            ends[trial, 0], ends[trial, 1], ends[trial, 2] = n, recovery, periods
+            ended = max(ended, recovery)
+
+
+def explore(
+    delta: float, region: CompiledHypothesis, config: Config, trials: int, rng: Generator
+) -> Experience:
+    """Trials of an untrained policy (mean 0, the initial std) on the real system of Δ under a supervisor.
+
+    rng: draws the actions of as many steps as the trials can have, more than they need.
+
+    Raises:
+        ParameterError: no trial, or h(x) = 0 at the start of a trial.
+    """
     check(trials >= 1, "trials", trials, "a whole number in [1, inf)")
-    loop = ClosedLoop.from_config(config)
-    env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, loop.controller)
-    task, policy = env.task, untrained(rng, config.choices.log_std_init)
-    steps: list[Transition] = []
-    activated, outcomes, times = [], [], []
-    for _ in range(trials):
-        steps += transitions(env, policy)
-        if env.recovery is not None:
-            activated.append(task.state.copy())
-            outcomes.append(env.recovery.labels[0])
-            times.append(env.recovery.durations[0])
-    x, actions, _, following, _ = zip(*steps, strict=True)
-    of_k = np.array(activated).reshape(-1, 6), np.array(outcomes, int), np.array(times)
-    return Experience(np.array(x), np.array(actions), np.array(following), *of_k)
+    controller = ClosedLoop.from_config(config).controller
+    env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, controller)
+    env.reset()  # refuses a region that predicts the origin as unsafe
+    task = env.task.arrays
+    most = trials * task.periods
+    actions = rng.normal(0.0, np.exp(config.choices.log_std_init), (most, 3)).astype(np.float32)
+    x, following, ends = np.empty((most, 6)), np.empty((most, 6)), np.empty((trials, 3), np.int64)
+    _explore(task, env.arrays, actions.astype(np.float64), x, following, ends)
+    steps, of_k = ends[-1, 0], ends[(ends[:, 1] != 0) & (ends[:, 1] != NOT_TRIED)]
+    safe, times = (of_k[:, 1] == RECOVERED).astype(int), of_k[:, 2] * task.control_period
+    return Experience(x[:steps], actions[:steps], following[:steps], following[of_k[:, 0] - 1], safe, times)
+
+
+@jit
+def _predict(task: Task, x: Floats, actions: Floats, following: Floats) -> None:
+    for i in range(x.shape[0]):
+        state, _, _ = advance(task, as_state(x[i]), (actions[i, 0], actions[i, 1], actions[i, 2]), 0)
+        new = following[i]
+        new[0], new[1], new[2], new[3], new[4], new[5] = state
 
 
 def predict(experience: Experience, config: Config) -> Floats:
     """x̂_{t+1} [N, 6]: each transition on the nominal model."""
-    nominal, predicted = ThreeLinkCircleEnv(1.0, config=config), []
-    for x, action in zip(experience.x, experience.actions, strict=True):
-        nominal.reset(options={"state": x})
-        nominal.step(action)
-        predicted.append(nominal.state)
-    return np.array(predicted)
+    following = np.empty_like(experience.x)
+    task = ThreeLinkCircleEnv(1.0, config=config).arrays
+    _predict(task, experience.x, experience.actions.astype(np.float64), following)
+    return following
 
 
 def discrepancy(experience: Experience, config: Config) -> dict[str, float]:

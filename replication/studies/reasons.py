@@ -23,6 +23,7 @@ from srlrepro.settings.config import Config
 FINE = 96  # substeps of the integration that labels are compared with
 EMBEDDING_CHOICES = ("known_origin", "label_gap", "perplexity")
 Variations = Iterable[Mapping[str, Any]]  # values other than the default, by name
+Embeddings = dict[tuple[object, ...], Floats]  # by α, seed and the `EMBEDDING_CHOICES`
 
 
 def integration(config: Config, substeps: Iterable[int], n: int, seed: int) -> pd.DataFrame:
@@ -69,30 +70,45 @@ def random_policies(config: Config, holds: Iterable[float], n: int, seed: int) -
     return pd.DataFrame(rows, columns=["hold / s", "correlation", "safe share"])
 
 
+def _learn(
+    data: samplers.TrainingData, config: Config, alpha: float, seed: int, embeddings: Embeddings
+) -> SafeRegion:
+    """The region of training data (of α and a seed), with an embedding that is known, or will be from now on.
+
+    t-SNE takes most of the time and knows nothing of Ψ and Γ: one run does for all that differ in these.
+    """
+    key = (alpha, seed, *(getattr(config.choices, name) for name in EMBEDDING_CHOICES))
+    if key in embeddings:
+        region = SafeRegion.from_config(config, seed)
+        return region.fit_embedding(*samplers.known_states(data, config), embeddings[key])
+    region = learn_region(data, config, seed)
+    embeddings[key] = region.embedding_
+    return region
+
+
 def calibration(
-    config: Config, alphas: Iterable[float], seeds: Iterable[int], variations: Variations, n: int
+    config: Config,
+    alphas: Iterable[float],
+    seeds: Iterable[int],
+    variations: Variations,
+    n: int,
+    embeddings: Embeddings,
 ) -> pd.DataFrame:
     """Brier score of Γ on n fresh nominal states of D_n, drawn like the training data, by variation and α.
 
     Means over training datasets (seeds); ``h(origin)`` is the share of them, over all α, that predict the
-    origin as safe.
+    origin as safe. What is embedded is read from ``embeddings`` and kept there.
     """
     nominal, rows = ClosedLoop.from_config(config), []
     datasets = {(a, s): samplers.generate(a, config, s) for a in alphas for s in seeds}
     tests = {cell: fresh_states(cell[0], data, config, n, cell[1]) for cell, data in datasets.items()}
     labels = {cell: nominal.predict(x) for cell, x in tests.items()}
-    embeddings: dict[tuple[object, ...], Floats] = {}
     for values in variations:
         varied = config.with_values(**values)
         scores: dict[str, list[float]] = {}
         origin = []
         for cell, data in datasets.items():
-            # t-SNE takes most of the time and knows nothing of Ψ and Γ: one run for all that differ in these
-            key = (*cell, *(getattr(varied.choices, name) for name in EMBEDDING_CHOICES))
-            if key not in embeddings:
-                embeddings[key] = learn_region(data, varied, cell[1]).embedding_
-            region = SafeRegion.from_config(varied, cell[1])
-            region.fit_embedding(*samplers.known_states(data, varied), embeddings[key])
+            region = _learn(data, varied, *cell, embeddings)
             brier = classification(region, tests[cell], labels[cell])["brier"]
             scores.setdefault(f"α = {alpha_text(cell[0])}", []).append(brier)
             origin.append(region.predict(np.zeros((1, 6)))[0])
@@ -110,13 +126,13 @@ def fresh_states(alpha: float, data: samplers.TrainingData, config: Config, n: i
     return np.concatenate([ud, samplers.sample_mnd(n_mnd, data.mnd, config, rng)])
 
 
-def origin_safety(config: Config, alpha: float, seeds: Iterable[int]) -> pd.DataFrame:
-    """Γ at the origin with and without ``known_origin``, by training dataset (seed)."""
+def origin_safety(config: Config, alpha: float, seeds: Iterable[int], embeddings: Embeddings) -> pd.DataFrame:
+    """Γ at the origin with and without ``known_origin``, by training dataset (seed); as `calibration`."""
     rows = []
     for seed in seeds:
         data = samplers.generate(alpha, config, seed)
         for known in (False, True):
-            region = learn_region(data, config.with_values(known_origin=known), seed)
+            region = _learn(data, config.with_values(known_origin=known), alpha, seed, embeddings)
             rows.append((seed, known, float(region.safety(np.zeros((1, 6)))[0])))
     return pd.DataFrame(rows, columns=["dataset", "known origin", "Γ(origin)"])
 

@@ -25,8 +25,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
-from scipy.signal import cont2discrete
+from scipy.linalg import expm, solve_discrete_are
 
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
@@ -88,8 +87,10 @@ class LQG:
     def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
         """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
         a, b = system.linearize()
-        a, b, *_ = cont2discrete((a, b, np.eye(6), np.zeros((6, 3))), self.control_period)
-        return a, b
+        n, m = b.shape
+        # As scipy.signal's cont2discrete; importing that takes half a second of every process.
+        held = expm(self.control_period * np.block([[a, b], [np.zeros((m, n + m))]]))
+        return held[:n, :n], held[:n, n:]
 
     @cached_property
     def model(self) -> tuple[Floats, Floats]:

@@ -27,7 +27,7 @@ from torch import nn
 from srlrepro.fast_ppo.network import Optimizer
 from srlrepro.fast_ppo.rollout import Steps, advantages, blank, collect, values
 from srlrepro.fast_ppo.sb3_bridge import Stack
-from srlrepro.fast_ppo.torch_views import Views, addresses, make_views
+from srlrepro.fast_ppo.torch_views import Views, addresses, make_views, without_compiler
 from srlrepro.fast_ppo.update import STATISTICS, Loss, Samples, update
 from srlrepro.settings.fields import check
 from srlrepro.supervisor import STOCK
@@ -70,7 +70,8 @@ class CompiledPPO(PPO):
         super().__init__(policy, env, **values)
 
     def _setup_model(self) -> None:
-        super()._setup_model()
+        with without_compiler():
+            super()._setup_model()
         self._refuse_what_is_not_covered()
         if self.env is not None:
             _ = Stack.of(self.env).supervision
@@ -96,6 +97,11 @@ class CompiledPPO(PPO):
         for name, ok in covered.items():
             allowed = f"one that CompiledPPO covers; {STOCK} has them all"
             check(ok, name, getattr(self, name, "of this kind"), allowed)
+
+    def get_parameters(self) -> dict[str, dict[str, Any]]:
+        """As stock PPO."""
+        with without_compiler():
+            return super().get_parameters()
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_views"]

@@ -1,5 +1,7 @@
 """A policy of stable-baselines3 and the state of its optimiser as arrays that compiled code changes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,26 @@ MOMENTS = ("exp_avg", "exp_avg_sq")
 ALIGNMENT = 16  # numbers: every tensor starts at a cache line
 PAGE = 4096  # bytes: Adam's loop over several arrays is slower where these lie equally far into their pages
 GAP = 1024  # bytes from one array's place in its page to that of the next, in four arrays
+BOOKKEEPING = ("add_param_group", "state_dict", "load_state_dict")  # of optimisers: not worth compiling
+UNCOMPILED = "__dynamo_disable"  # torch keeps there what it calls in place of such a function
+
+
+@contextmanager
+def without_compiler() -> Iterator[None]:
+    """Leave torch's compiler unloaded where an optimiser is made, read or filled.
+
+    Its `BOOKKEEPING` imports the compiler, a second of every process, only to be left alone by it.
+    """
+    methods = [getattr(torch.optim.Optimizer, name) for name in BOOKKEEPING]
+    functions = [getattr(method, "__wrapped__", method) for method in methods]
+    functions = [function for function in functions if not hasattr(function, UNCOMPILED)]
+    for function in functions:
+        setattr(function, UNCOMPILED, function)
+    try:
+        yield
+    finally:
+        for function in functions:
+            delattr(function, UNCOMPILED)
 
 
 class Views(NamedTuple):

@@ -1,28 +1,79 @@
 """The discrepancy of systems: none between equal ones, more the more they differ, and some by hand."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from replication.studies.alternatives import Predictor
 from replication.studies.discrepancy import Experience, discrepancy, explore, predict
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
-from srlrepro.dynamics.pendulum import Floats
+from srlrepro.dynamics.lqg import LQG
+from srlrepro.learner.trials import transitions, untrained
+from srlrepro.region.hypothesis import NETWORK, NONE, TABLE, Posterior
+from srlrepro.region.safety_map import RegionArrays
 from srlrepro.settings.config import Config
+from srlrepro.supervisor import Supervisor
 
 CONFIG = Config()
 SCALE = np.array(CONFIG.paper.state_max)
+STEEP = 1000.0  # 1/rad
 
 
-class Narrow:
-    """Safe while |θ1| stays small: K is activated in time to recover."""
-
-    def predict(self, x: Floats) -> np.ndarray:
-        return (np.abs(np.atleast_2d(x)[:, 0]) < 0.2).astype(int)
+def narrow() -> Predictor:
+    """Safe while |θ1| < 0.2 rad: K is activated in time to recover. Two steep tanh, one at each border."""
+    rows = np.zeros((2, 6))
+    rows[:, 0] = STEEP * SCALE[0]
+    region = RegionArrays(SCALE, TABLE, TABLE, 0, TABLE, NONE, 0.0)
+    borders, weights = STEEP * np.array([0.2, -0.2]), STEEP * np.array([1.0, -1.0])
+    return Predictor(Posterior(NETWORK, region, rows, borders, weights, -STEEP), 0.5)
 
 
 def explored(delta: float, trials: int = 5) -> Experience:
-    return explore(delta, Narrow(), CONFIG, trials, np.random.default_rng(1))
+    return explore(delta, narrow(), CONFIG, trials, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize(
+    ("values", "activations"), [({}, 4), ({"corrective": "none"}, 0), ({"trial_length": 0.05}, 1)]
+)
+def test_exploration_is_that_of_the_environment_step_by_step(
+    values: dict[str, Any], activations: int
+) -> None:
+    """The second method: the environment under its supervisor, as gymnasium has it."""
+    config, rng, trials = CONFIG.with_values(**values), np.random.default_rng(1), 4
+    found = explore(1.5, narrow(), config, trials, np.random.default_rng(1))
+    env = Supervisor(ThreeLinkCircleEnv(1.5, config=config), narrow(), LQG())
+    policy, steps, recoveries = untrained(rng, config.choices.log_std_init), [], []
+    for _ in range(trials):
+        steps += transitions(env, policy)
+        recoveries += [(env.task.state, env.recovery)] if env.recovery else []
+    assert len(found.activated) == len(recoveries) == activations
+    x, actions, _, following, _ = (np.array(part) for part in zip(*steps, strict=True))
+    assert np.array_equal(found.x, x) and np.array_equal(found.following, following)
+    assert np.array_equal(found.actions, actions) and found.actions.dtype == actions.dtype
+    for i, (state, rollout) in enumerate(recoveries):
+        assert np.array_equal(found.activated[i], state)
+        assert (found.safe[i], found.times[i]) == (rollout.labels[0], rollout.durations[0])
+
+
+def test_predictions_are_steps_of_the_nominal_environment() -> None:
+    experience, nominal = explored(1.5, trials=1), ThreeLinkCircleEnv(1.0, config=CONFIG)
+    for x, action, expected in zip(
+        experience.x, experience.actions, predict(experience, CONFIG), strict=True
+    ):
+        nominal.reset(options={"state": x})
+        nominal.step(action)
+        assert np.array_equal(nominal.state, expected)
+
+
+def test_what_cannot_be_explored_is_refused() -> None:
+    with pytest.raises(ValueError, match="trials = 0"):
+        explored(1.5, trials=0)
+    never = replace(narrow(), p_t=1.0)
+    with pytest.raises(ValueError, match="predicts the start of the trial as unsafe"):
+        explore(1.5, never, CONFIG, 1, np.random.default_rng(1))
 
 
 def test_equal_systems_do_not_differ() -> None:

@@ -7,6 +7,7 @@ from replication.studies.reasons import (
     calibration,
     exploration,
     integration,
+    origin_safety,
     random_policies,
     recoveries,
     stability,
@@ -44,7 +45,7 @@ def test_a_torque_held_longer_makes_less_of_the_mnd_safe() -> None:
 
 
 def test_calibration_reuses_embeddings_without_changing_a_score() -> None:
-    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200).set_index("variation")
+    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200, {}).set_index("variation")
     data, varied = generate(1.0, CONFIG, 0), CONFIG.with_values(psi_neighbours=4)
     region = learn_region(data, varied, 0)
     x = np.random.default_rng([0, 2]).uniform(
@@ -53,6 +54,17 @@ def test_calibration_reuses_embeddings_without_changing_a_score() -> None:
     brier = classification(region, x, ClosedLoop.from_config(CONFIG).predict(x))["brier"]
     assert table.loc["psi_neighbours = 4", "α = 1"] == brier
     assert table.loc["default", "α = 1"] != brier
+
+
+def test_the_origin_is_asked_of_the_regions_and_what_is_embedded_is_taken_again() -> None:
+    embeddings: dict[tuple[object, ...], np.ndarray] = {}
+    calibration(CONFIG, [1.0], [0], [{}], 50, embeddings)
+    (kept,) = embeddings.values()
+    table = origin_safety(CONFIG, 1.0, [0], embeddings)
+    assert len(embeddings) == 2 and next(iter(embeddings.values())) is kept
+    for known, found in zip(table["known origin"], table["Γ(origin)"], strict=True):
+        region = learn_region(generate(1.0, CONFIG, 0), CONFIG.with_values(known_origin=known), 0)
+        assert region.safety(np.zeros((1, 6)))[0] == found
 
 
 def test_a_quieter_policy_stays_longer_in_the_state_space() -> None:

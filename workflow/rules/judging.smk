@@ -37,21 +37,26 @@ rule calibration:
         execute("10_calibration")
 
 
+DATASETS = 5  # of each α in the theorem's class of regions; those that the grid does not need are learned there
+
+
 rule theorem:
     input:
         notebook("12_theorem"),
         expand(f"{RESULTS}/runs/{{run}}/visited.npz", run=CALIBRATED + FREE),
-        LEARNED,
+        learned(DATA_SEEDS[:DATASETS]),
     output:
         notebook=f"{EXECUTED}/12_theorem.ipynb",
         figure=f"{FIGURES}/theorem_terms.pdf",
         tables=expand(f"{FIGURES}/theorem_{{table}}.csv", table=["steps", "divergence", "orders"]),
+    priority: LONG
     params:
         values=config["values"],
         parameters=judging(
             RUNS=CALIBRATED + FREE,
             DATA_SEED=DATA_SEEDS[0],
-            DATASETS=5,
+            MADE=DATA_SEEDS[:DATASETS],
+            DATASETS=DATASETS,
             STATES=1000 if config["note"] else 5000,  # a reduced run need not wait minutes for it
         ),
     shell:

@@ -21,6 +21,7 @@ rule data:
         command("srlrepro", "srlrepro/samplers.py"),
     output:
         f"{RESULTS}/data_{{data}}/alpha_{{alpha}}/training_data.npz",
+    priority: FIRST
     params:
         values=config["values"],
     shell:
@@ -33,6 +34,7 @@ rule region:
         data=rules.data.output,
     output:
         f"{RESULTS}/data_{{data}}/alpha_{{alpha}}/region.npz",
+    priority: FIRST
     params:
         values=config["values"],
     shell:
@@ -87,6 +89,7 @@ rule choices:
     output:
         notebook=f"{DRAWN}/09_choices.ipynb",
         tables=expand(f"{PICTURES}/choices_{{table}}.csv", table=["integration", "stability", "recoveries", "random_policy", "calibration", "origin", "exploration"]),
+    priority: LONG
     params:
         values=config["values"],
         parameters=drawing(ALPHAS=NUMBERS, DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=2000),

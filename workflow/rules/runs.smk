@@ -12,6 +12,7 @@ rule training_run:
         curve=f"{RESULTS}/runs/{RUN}/curve.csv",
         policy=f"{RESULTS}/runs/{RUN}/policy.zip",
         visited=f"{RESULTS}/runs/{RUN}/visited.npz",
+    priority: SECOND
     params:
         values=config["values"],
         steps=config["steps"],
