@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jinja2
 
+from replication.digests import changed, write_digests
 from replication.evidence.verdicts import LONG, THREE
 from replication.facts import Facts
 from srlrepro.storage.files import ResultError, beside, read_json, write_json
@@ -43,8 +44,8 @@ def stale() -> list[str]:
 
 
 def check() -> None:
-    """Raise `ResultError` if a document is `stale`."""
-    if found := stale():
+    """Raise `ResultError` if a document is `stale`, or the digests of docs/ are."""
+    if found := stale() + [f"docs/{name}" for name in changed(DOCS)]:
         raise ResultError(f"stale: {', '.join(found)}; run python -m replication documents")
 
 
@@ -54,6 +55,7 @@ def write() -> None:
         (ROOT / document).parent.mkdir(exist_ok=True)
         with beside(ROOT / document) as temporary:
             temporary.write_text(text, encoding="utf-8")
+    write_digests(ROOT / "docs")
 
 
 def refresh(name: str) -> Iterator[str]:
