@@ -45,7 +45,7 @@ def stale() -> list[str]:
 
 def check() -> None:
     """Raise `ResultError` if a document is `stale`, or the digests of docs/ are."""
-    if found := stale() + [f"docs/{name}" for name in changed(DOCS)]:
+    if found := stale() + [f"docs/{name}" for name in changed(ROOT / "docs")]:
         raise ResultError(f"stale: {', '.join(found)}; run python -m replication documents")
 
 

@@ -7,10 +7,10 @@ digits of primary tables are left to `replication.digests`.
 
 import csv
 import io
+import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import zip_longest
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,26 +93,26 @@ def first_difference(
     lines = csv.reader(io.StringIO(existing(file).read_text(encoding="utf-8")))
     header, *rows = list(lines) or [[]]
     columns, *wanted = csv.reader(io.StringIO(text_of(found, digits)))
-    lacking = [column for column in columns if column not in header]
-    if lacking:
+    if lacking := [column for column in columns if column not in header]:
         raise ResultError(f"{name} lacks the columns {', '.join(lacking)}")
-    places = [header.index(column) for column in columns]
-    keys = [columns.index(column) for column in group]
-    chosen = {tuple(row[i] for i in keys) for row in wanted}
-    width = len(header)
-    whole = [(i, [row[p] for p in places] if len(row) == width else row) for i, row in enumerate(rows, 2)]
-    own = [(i, r) for i, r in whole if len(r) != len(columns) or tuple(r[k] for k in keys) in chosen]
-
-    def key(row: list[str]) -> tuple[str, ...]:
-        return tuple(row[k] for k in keys if k < len(row))
-
-    for here, row in zip_longest(sorted(own, key=lambda pair: key(pair[1])), sorted(wanted, key=key)):
-        line, committed = here or (len(rows) + 1, None)
-        if committed is None or row is None or len(committed) != len(columns):
-            return Difference(name, line, "the row", ",".join(committed or []), ",".join(row or []))
-        for column, a, b in zip(columns, committed, row, strict=True):
-            if not same(a, b):
-                return Difference(name, line, column, a, b)
+    places, keys = [header.index(column) for column in columns], [columns.index(column) for column in group]
+    chosen = {tuple(row[key] for key in keys) for row in wanted}
+    own: list[tuple[tuple[str, ...], int, list[str]]] = []  # key, line and row
+    for line, whole in enumerate(rows, 2):
+        if len(whole) != len(header):
+            return Difference(name, line, "the row", ",".join(whole), f"{len(header)} columns")
+        row = [whole[place] for place in places]
+        if (key := tuple(row[key] for key in keys)) in chosen:
+            own.append((key, line, row))
+    own.sort(key=lambda entry: entry[0])
+    wanted.sort(key=lambda row: [row[key] for key in keys])
+    for entry, row in itertools.zip_longest(own, wanted):
+        key, line, committed = entry or ((), len(rows) + 1, [])
+        if not committed or not row or key != tuple(row[key] for key in keys):
+            return Difference(name, line, "the row", ",".join(committed), ",".join(row or []))
+        for column, one, other in zip(columns, committed, row, strict=True):
+            if not same(one, other):
+                return Difference(name, line, column, one, other)
     return None
 
 

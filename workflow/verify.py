@@ -27,14 +27,7 @@ from replication.evidence.measures import read_measures
 from replication.evidence.results import read_curves, read_run_measures, read_runs
 from replication.plots.multiverse import curve_table
 from replication.studies import hypotheses, multiverse
-from replication.tables import (
-    RUN,
-    Difference,
-    Found,
-    disagreement,
-    found_in,
-    shared,
-)
+from replication.tables import RUN, Difference, Found, disagreement, found_in, shared
 from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
@@ -51,11 +44,7 @@ NOT_COPIED = ("__pycache__", "executed")
 MADE = ("results", "figures", "notebooks/executed", ".snakemake")  # by a cell, in the copy
 LARGEST_SEED = 2**32  # of a draw
 TAIL = 12  # last lines of a log that are shown
-LEARNED = (
-    "02_training_data",
-    "03_embedding",
-    "04_safe_region",
-)  # notebooks of the data and regions of a seed
+LEARNED = ("02_training_data", "03_embedding", "04_safe_region")  # of the data and regions of a seed
 
 Plan = Mapping[str, Any]  # the workflow's configuration, as of `plan`
 
@@ -143,10 +132,11 @@ def cells_of(config: Plan) -> dict[str, Cell]:
     if config["study"]:
         file = ROOT / "figures" / config["name"] / "hypotheses_learning.csv"
         table = read_table(file, RUN, text=("alpha",))[["hypothesis", *RUN]].drop_duplicates()
-        runs = [(str(h), str(a), float(d), int(s)) for h, a, d, s in table.itertuples(index=False)]
-        return {
-            f"{run[0].replace(' ', '-')}__{_condition(*run[1:])}": _of_learner(config, *run) for run in runs
-        }
+        found = {}
+        for kind, alpha, delta, seed in table.itertuples(index=False):
+            name = f"{kind.replace(' ', '-')}__{_condition(alpha, delta, seed)}"
+            found[name] = _of_learner(config, kind, alpha, float(delta), int(seed))
+        return found
     found = {"01_pendulum": _of_stages(config, "01_pendulum")}
     if (look := config["look"]) == config["name"]:
         targets = [f"figures/{look}/choices_stability.csv"]
@@ -162,14 +152,13 @@ def _condition(alpha: str, delta: float, seed: int) -> str:
 
 
 def committed() -> dict[str, Plan]:
-    """{name: configuration} of the committed sets; of all sets in figures/, where there is no git."""
-    files = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "figures").glob(f"*/{SET}"))]
-    if (ROOT / ".git").exists():
-        listed = ["git", "ls-files", f"figures/*/{SET}"]
-        files = subprocess.run(
-            listed, cwd=ROOT, capture_output=True, text=True, check=True
-        ).stdout.splitlines()
-    return {Path(file).parent.name: read_json(ROOT / file) for file in files}
+    """{name: configuration} of the committed sets; of all sets in figures/, where git knows of none."""
+    listed: list[str] = []
+    if git := shutil.which("git"):
+        command = [git, "ls-files", f"figures/*/{SET}"]
+        listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
+    files = [ROOT / file for file in listed] or sorted((ROOT / "figures").glob(f"*/{SET}"))
+    return {file.parent.name: read_json(file) for file in files}
 
 
 def why_not(config: Plan) -> str:
@@ -222,11 +211,12 @@ def lay_out(place: Path) -> None:
 
 def make(
     cell: Cell, config: Plan, place: Path, options: argparse.Namespace, variables: Mapping[str, str]
-) -> bool:
-    """Make a cell in a copy of the sources, from nothing; False: Ctrl-C came.
+) -> None:
+    """Make a cell in a copy of the sources, from nothing.
 
     Raises:
         ResultError: a job failed; the end of the log has been printed.
+        KeyboardInterrupt: Ctrl-C or SIGTERM came, and all jobs have ended.
     """
     for name in MADE:
         shutil.rmtree(place / name, ignore_errors=True)
@@ -237,12 +227,13 @@ def make(
     log = place / "results" / "snakemake.log"
     with (place / "results" / ".lock").open("w") as lock:
         ended = supervise(command, {**variables, **own}, log, lock, place)
+    if ended.interrupted:
+        raise KeyboardInterrupt
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)  # which `supervise` has silenced
-    if ended.status and not ended.interrupted:
+    if ended.status:
         print("\n".join(log.read_text(errors="replace").splitlines()[-TAIL:]), file=sys.stderr)
         raise ResultError("it could not be made; the end of Snakemake's log stands above")
-    return not ended.interrupted
 
 
 def compare(cell: Cell, place: Path, figures: Path) -> tuple[Difference | None, str]:
@@ -265,9 +256,7 @@ def verify_cells(options: argparse.Namespace, variables: Mapping[str, str]) -> i
         for done, (name, cell) in enumerate(cells.items(), 1):
             began, own = time.monotonic(), name.partition("/")[0]
             try:
-                if not make(cell, sets[own], place, options, variables):
-                    print("reproduce.sh verify: stopped")
-                    return INTERRUPTED
+                make(cell, sets[own], place, options, variables)
                 difference, compared = compare(cell, place, ROOT / "figures" / own)
                 same += difference is None
                 said = f"DIFFERS on {processor()}: {difference}" if difference else f"same, {compared}"
@@ -286,9 +275,8 @@ def attempt(check: Callable[..., Iterable[object]], *folders: Path) -> list[str]
     try:
         found.extend(map(str, check(*folders)))
     except Exception as error:
-        found.append(
-            f"{', '.join(folder.name for folder in folders)}: {type(error).__name__}: {one_line(error)}"
-        )
+        names = ", ".join(folder.name for folder in folders)
+        found.append(f"{names}: {type(error).__name__}: {one_line(error)}")
     return found
 
 
@@ -340,4 +328,10 @@ def main(options: argparse.Namespace, variables: Mapping[str, str]) -> int:
     check_limit(options.limit)
     if options.cores is not None:
         check_whole("--cores", options.cores, 1)
-    return verify_tables() if options.tables else verify_cells(options, variables)
+    drawn = not (options.tables or options.cells)
+    check(options.seed is None or drawn, "--seed", options.seed, "left out where nothing is drawn")
+    try:
+        return verify_tables() if options.tables else verify_cells(options, variables)
+    except KeyboardInterrupt:
+        print("reproduce.sh verify: stopped")
+        return INTERRUPTED
