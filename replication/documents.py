@@ -39,18 +39,26 @@ def render(document: str, figures: Path = FIGURES) -> str:
 
 
 def stale() -> list[str]:
-    """The documents that differ from what the results and the configuration say."""
-    return [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+    """The documents that differ from what the results and the configuration say.
+
+    And what else in docs/ is not as its digest there says.
+    """
+    found = [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+    return list(dict.fromkeys([*found, *(f"docs/{name}" for name in changed(ROOT / "docs"))]))
 
 
 def check() -> None:
-    """Raise `ResultError` if a document is `stale`, or the digests of docs/ are."""
-    if found := stale() + [f"docs/{name}" for name in changed(ROOT / "docs")]:
+    """Raise `ResultError` if a document is `stale`."""
+    if found := stale():
         raise ResultError(f"stale: {', '.join(found)}; run python -m replication documents")
 
 
 def write() -> None:
-    """Render every document; none is written if a table is missing (`ResultError`)."""
+    """Render every document, and renew the digests of docs/; nothing is written if a table is missing.
+
+    Raises:
+        ResultError: one is.
+    """
     for document, text in {document: render(document) for document in documents()}.items():
         (ROOT / document).parent.mkdir(exist_ok=True)
         with beside(ROOT / document) as temporary:

@@ -106,7 +106,7 @@ def make_verify_parser() -> argparse.ArgumentParser:
     )
     what = parser.add_mutually_exclusive_group()
     text = f"how many cells to draw at random (default: {VERIFIED})"
-    what.add_argument("number", type=int, nargs="?", default=VERIFIED, metavar="N", help=text)
+    what.add_argument("number", type=int, nargs="?", metavar="N", help=text)
     text = "these cells instead, such as full/alpha_0__delta_1.1__seed_0"
     what.add_argument("--cells", nargs="+", metavar="SET/CELL", help=text)
     what.add_argument(

@@ -35,7 +35,7 @@ from srlrepro.settings.fields import check, check_whole, one_line
 from srlrepro.storage.files import ResultError, read_json, read_table, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
-from workflow.command_line import CORES, LIMIT_VARIABLE
+from workflow.command_line import CORES, LIMIT_VARIABLE, VERIFIED
 from workflow.engine import INTERRUPTED, supervise
 from workflow.plan import check_limit
 
@@ -195,10 +195,11 @@ def draw(options: argparse.Namespace, sets: Mapping[str, Plan]) -> dict[str, Cel
         check(name in known, "--cells", name, f"one of {len(known)} cells, such as {some}")
     if options.cells:
         return {name: known[name] for name in dict.fromkeys(options.cells)}
-    check_whole("N", options.number, 1, len(known))
+    number = VERIFIED if options.number is None else options.number
+    check_whole("N", number, 1, len(known))
     seed = secrets.randbelow(LARGEST_SEED) if options.seed is None else options.seed
     check_whole("--seed", seed, 0, LARGEST_SEED)
-    names = random.Random(seed).sample(sorted(known), options.number)
+    names = random.Random(seed).sample(sorted(known), number)
     print(f"{len(names)} of {len(known)} cells, drawn with --seed {seed}: {', '.join(names)}", flush=True)
     return {name: known[name] for name in names}
 
@@ -275,7 +276,7 @@ def attempt(check: Callable[..., Iterable[object]], *folders: Path) -> list[str]
     try:
         found.extend(map(str, check(*folders)))
     except Exception as error:
-        names = ", ".join(folder.name for folder in folders)
+        names = ", ".join(folder.name for folder in folders) or "documents"
         found.append(f"{names}: {type(error).__name__}: {one_line(error)}")
     return found
 
