@@ -12,7 +12,7 @@ ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
 LIMIT, LONGEST = 12.0, 8766.0  # h for one cell of a notebook: what the longest job on Slurm has; a year
 LONGEST_MESSAGE = 2000  # characters
-VERIFIED = 3  # cells: about ten minutes on two cores
+VERIFIED = 3  # cells of `verify`: some minutes each
 LIMIT_VARIABLE = "SRLREPRO_LIMIT"  # in which the driver hands the limit to its jobs
 COMMAND_VARIABLE = "SRLREPRO_COMMAND"  # the same for its own command line
 
