@@ -9,13 +9,13 @@ from srlrepro.storage.files import beside, existing, sha256
 
 DIGESTS = "sha256.txt"
 SET = "workflow.json"  # in a folder of figures: the configuration of the workflow that made the set
-WITH_DIGESTS = ("*.csv", "*.md", SET)
+WITH_DIGESTS = ("*.csv", "*.md", SET, "records.json", "records/*")
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """{name: SHA-256} of the tables, pages and the configuration in a folder, by name."""
+    """{name: SHA-256} of the tables, pages and records in a folder, by name."""
     files = {path for pattern in WITH_DIGESTS for path in folder.glob(pattern)}
-    return {path.name: sha256(path) for path in sorted(files)}
+    return {path.relative_to(folder).as_posix(): sha256(path) for path in sorted(files)}
 
 
 def write_digests(folder: Path) -> None:
