@@ -161,10 +161,10 @@ def test_a_choice_that_decides_is_found_and_others_are_not() -> None:
 
 
 def test_values_that_differ_by_rounding_alone_have_the_same_rank() -> None:
-    """0.1 + 0.2 is larger than 0.3 by one bit; a choice that only turns the order of a sum moves nothing."""
+    """A choice that does no more than turn the order of a sum moves nothing."""
     rows, noise = design(TOY, 60), np.random.default_rng(3).integers(0, 2, 62)
     plain = {n: 0.3 + value for n, value in zip(rows.index, noise, strict=False)}
-    turned = {n: value + (0.1 + 0.2 - 0.3) * (rows.loc[n, "a"] == "1") for n, value in plain.items()}
+    turned = {n: value + 1e-13 * (rows.loc[n, "a"] == "1") for n, value in plain.items()}
     assert any(turned[n] != plain[n] for n in plain)
     pd.testing.assert_frame_equal(main_effects(toy(turned), rows), main_effects(toy(plain), rows))
 
