@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jinja2
 
+from replication.digests import changed, write_digests
 from replication.evidence.verdicts import LONG, THREE
 from replication.facts import Facts
 from srlrepro.storage.files import ResultError, beside, read_json, write_json
@@ -38,8 +39,12 @@ def render(document: str, figures: Path = FIGURES) -> str:
 
 
 def stale() -> list[str]:
-    """The documents that differ from what the results and the configuration say."""
-    return [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+    """The documents that differ from what the results and the configuration say.
+
+    And what else in docs/ is not as its digest there says.
+    """
+    found = [d for d in documents() if not (ROOT / d).exists() or (ROOT / d).read_text("utf-8") != render(d)]
+    return list(dict.fromkeys([*found, *(f"docs/{name}" for name in changed(ROOT / "docs"))]))
 
 
 def check() -> None:
@@ -49,11 +54,16 @@ def check() -> None:
 
 
 def write() -> None:
-    """Render every document; none is written if a table is missing (`ResultError`)."""
+    """Render every document, and renew the digests of docs/; nothing is written if a table is missing.
+
+    Raises:
+        ResultError: one is.
+    """
     for document, text in {document: render(document) for document in documents()}.items():
         (ROOT / document).parent.mkdir(exist_ok=True)
         with beside(ROOT / document) as temporary:
             temporary.write_text(text, encoding="utf-8")
+    write_digests(ROOT / "docs")
 
 
 def refresh(name: str) -> Iterator[str]:

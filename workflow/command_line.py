@@ -12,6 +12,7 @@ ALPHAS, DELTAS, SEEDS = ["0", "0.5", "1", "none"], [1.1, 1.5, 4.0], 3  # Sec. IV
 CORES = os.cpu_count() or 1
 LIMIT, LONGEST = 12.0, 8766.0  # h for one cell of a notebook: what the longest job on Slurm has; a year
 LONGEST_MESSAGE = 2000  # characters
+VERIFIED = 3  # cells of `verify`: some minutes each
 LIMIT_VARIABLE = "SRLREPRO_LIMIT"  # in which the driver hands the limit to its jobs
 COMMAND_VARIABLE = "SRLREPRO_COMMAND"  # the same for its own command line
 
@@ -62,6 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
         description="Regenerate every figure of the paper. What is up to date is not run again.",
         epilog="./reproduce.sh test [PYTEST OPTIONS] runs the tests instead; "
+        "./reproduce.sh verify [OPTIONS] makes some of the committed results anew and compares them; "
         "./reproduce.sh site writes README, REPORT and executed notebooks as pages to site/.",
     )
     add = parser.add_argument
@@ -91,4 +93,27 @@ def make_parser() -> argparse.ArgumentParser:
     add("--slurm", action="store_true", help="run the jobs on Slurm, as workflow/profiles/slurm says")
     add_limit(parser)
     add("--dry-run", action="store_true", help="say what would be run; nothing is run or written")
+    return parser
+
+
+def make_verify_parser() -> argparse.ArgumentParser:
+    """The command line of ``reproduce.sh verify``."""
+    parser = Parser(
+        prog="reproduce.sh verify",
+        allow_abbrev=False,
+        description="Make cells of the committed results anew, in a folder of their own, and compare them "
+        "byte for byte; or hold all committed tables and documents against each other.",
+    )
+    what = parser.add_mutually_exclusive_group()
+    text = f"how many cells to draw at random (default: {VERIFIED})"
+    what.add_argument("number", type=int, nargs="?", metavar="N", help=text)
+    text = "these cells instead, such as full/alpha_0__delta_1.1__seed_0"
+    what.add_argument("--cells", nargs="+", metavar="SET/CELL", help=text)
+    what.add_argument(
+        "--tables", action="store_true", help="no training: all tables, README, REPORT and pages"
+    )
+    add = parser.add_argument
+    add("--seed", type=int, metavar="S", help="of the draw (default: a random one, which is printed)")
+    add("--cores", type=int, metavar="N", help=f"jobs at a time (default: all cores, {CORES})")
+    add_limit(parser)
     return parser

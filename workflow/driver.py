@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import IO
 
 from workflow import ROOT
-from workflow.command_line import make_parser
+from workflow.command_line import make_parser, make_verify_parser
 
 VENV = ROOT / ".venv"
 THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
@@ -99,9 +99,12 @@ def make_site() -> int:
 
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
-    test, site = arguments[:1] == ["test"], arguments == ["site"]
+    test, site, verify = arguments[:1] == ["test"], arguments == ["site"], arguments[:1] == ["verify"]
     parser, options = make_parser(), argparse.Namespace(slurm=False)
-    if not test and not site:
+    if verify:
+        parser = make_verify_parser()
+        options = argparse.Namespace(slurm=False, **vars(parser.parse_args(arguments[1:])))
+    elif not test and not site:
         options = parser.parse_args(arguments)
     if sys.prefix != str(VENV):
         wanted = "test" if test else "site" if site else "slurm" if options.slurm else ""
@@ -115,6 +118,10 @@ def main(arguments: list[str]) -> int:
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, which `nohup … &` lets nobody hear
     try:
+        if verify:
+            from workflow import verify as verifying  # slow to import, as it makes tables anew
+
+            return verifying.main(options, environment())
         config = plan(options) if not test and not site else {}
         with only_one() as lock:
             if site:

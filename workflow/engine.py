@@ -13,6 +13,7 @@ from typing import IO, Any, NamedTuple, NoReturn
 
 from tqdm import tqdm
 
+from replication.digests import write_digests
 from srlrepro.storage.files import ResultError, read_json, remove_unfinished, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
@@ -93,17 +94,20 @@ def engine(slurm: bool, cores: int | None) -> list[str]:
     return ["--profile", str(PROFILE), *([] if cores is None else ["--jobs", str(cores)])]
 
 
-def supervise(command: list[str], environment: dict[str, str], log: Path, lock: IO[str]) -> Ended:
+def supervise(
+    command: list[str], environment: dict[str, str], log: Path, lock: IO[str], place: Path = ROOT
+) -> Ended:
     """Run a command to its end, or until Ctrl-C or SIGTERM; whatever it started ends with this process.
 
     Args:
         log: what the command says goes there.
         lock: held until the last job has ended, even if this process is killed.
+        place: checkout in which it runs.
     """
     with log.open("w") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "workflow.lifeline", *command],
-            cwd=ROOT,
+            cwd=place,
             env=environment,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -200,5 +204,7 @@ def run_workflow(
         return 0
     kept = {key: value for key, value in config.items() if key != "only"}
     write_json(ROOT / "figures" / name / "workflow.json", kept)
+    for made in {name, config["look"]}:
+        write_digests(ROOT / "figures" / made)
     print(f"Done in {minutes:.1f} min: figures/{name}/ and notebooks/executed/{name}/")
     return tell(name)

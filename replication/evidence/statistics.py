@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy import stats
@@ -71,3 +72,24 @@ def stratified_bootstrap(cells: Sequence[ArrayLike], rng: Generator) -> Bounds:
         data, over_cells, n_resamples=RESAMPLES, confidence_level=LEVEL, method="percentile", axis=-1, rng=rng
     ).confidence_interval
     return float(found.low), float(found.high)
+
+
+def final_performance(measures: pd.DataFrame, best: float) -> pd.DataFrame:
+    """Interquartile means over all cells of each condition, with the intervals of `stratified_bootstrap`.
+
+    Args:
+        measures: a table of measures, as of `claims`.
+        best: return of a perfect trial, in shares of which all are given.
+
+    Returns:
+        measure (in words), condition, runs, IQM, low, high: of the final return, and of the final policy's.
+    """
+    rows = []
+    units = {"final_return": best, "policy_return_share": 1.0, "policy_alone_share": 1.0}
+    for measure, unit in units.items():
+        for alpha, runs in measures[measures["measure"] == measure].groupby("alpha"):
+            cells = [values.to_numpy() / unit for _, values in runs.groupby("delta")["value"]]
+            bounds = stratified_bootstrap(cells, np.random.default_rng(0))
+            middle = float(interquartile_mean(np.concatenate(cells)))
+            rows.append((measure.replace("_", " "), alpha, len(runs), middle, *bounds))
+    return pd.DataFrame(rows, columns=["measure", "condition", "runs", "IQM", "low", "high"])

@@ -16,8 +16,10 @@ States in which K is activated depend on the region, so that the last two do as 
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.circle_env import Task, ThreeLinkCircleEnv, advance
@@ -29,6 +31,9 @@ from srlrepro.settings.fields import check
 from srlrepro.supervisor import NOT_TRIED, Supervision, Supervisor, supervise
 
 Counts = NDArray[np.int64]
+
+KINDS = ("unexplained", "surprises", "slower")
+OUTCOMES = ("final_return", "success_rate", "violations_per_1000_steps")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,3 +125,28 @@ def discrepancy(experience: Experience, config: Config) -> dict[str, float]:
     ratio = np.log(experience.times[both] / nominal.durations[both])
     measures["surprises"] = float((experience.safe != nominal.labels).mean())  # l(x) != l_n(x)
     return measures | {"slower": float(ratio.mean()) if both.any() else float("nan")}
+
+
+def beside_outcomes(measured: pd.DataFrame, measures: pd.DataFrame) -> pd.DataFrame:
+    """Means by Δ and α (the index) of the discrepancies, and of what learners got (`OUTCOMES`).
+
+    measured: columns delta, alpha and `KINDS`; measures: a table of measures, as of `claims`.
+    """
+    got = measures[measures["measure"].isin(OUTCOMES)]
+    wide = got.pivot_table(index=["delta", "alpha"], columns="measure", values="value")
+    means = measured.groupby(["delta", "alpha"])[list(KINDS)].mean()
+    return means.join(wide.reindex(columns=list(OUTCOMES)), how="inner")
+
+
+def rank_correlations(both: pd.DataFrame) -> pd.DataFrame:
+    """Spearman's rank correlation of each discrepancy (the index, measure) with each outcome (a column).
+
+    both: as of `beside_outcomes`; NaN for two rows or fewer.
+    """
+
+    def of(kind: str, outcome: str) -> float:
+        few = len(both) < 3
+        return np.nan if few else float(spearmanr(both[kind], both[outcome], nan_policy="omit").statistic)
+
+    found = {outcome: [of(kind, outcome) for kind in KINDS] for outcome in OUTCOMES}
+    return pd.DataFrame(found, index=pd.Index(KINDS, name="measure"))

@@ -13,6 +13,7 @@ from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.samplers import TrainingData, generate
+from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import NONE, Condition, parse_alpha
 from srlrepro.settings.config import Config
 
@@ -20,6 +21,15 @@ ANY = "any"  # stands for α where a hypothesis knows the system and learns from
 SCORES = ("precision", "recall", "brier")
 FREE = "visited, free"  # states that no hypothesis has influenced
 FOLLOWED = ("final_return", "success_rate", "violations_per_1000_steps")
+SHOWN = {  # measures of learners, and how a figure calls them
+    "final_return": "final return",
+    "policy_return_share": "final policy's return\n/ that of a perfect one",
+    "success_rate": "success rate of K",
+    "activations": "activations of K",
+    "violations_per_1000_steps": "violations\nper 1000 steps",
+}
+PAPERS = Choices.hypothesis
+BETTER = {"final_return": 1, "success_rate": 1, "violations_per_1000_steps": -1}  # which way
 
 
 def scored_states(
@@ -94,3 +104,41 @@ def ranks(scores: pd.DataFrame, learned: pd.DataFrame) -> pd.DataFrame:
             found = (cells[score].corr(cells[name], method="spearman") for name in FOLLOWED)
             rows.append((delta, score, len(cells), *found))
     return pd.DataFrame(rows, columns=["delta", "score", "cells", *FOLLOWED])
+
+
+def learned_under(tables: Mapping[str, pd.DataFrame], alphas: Sequence[str]) -> pd.DataFrame:
+    """Measures of the learners as one table, by hypothesis: measure, alpha, delta, seed, value, hypothesis.
+
+    tables: by hypothesis, as of `read_measures`; the free learner of the paper's is under "no supervisor",
+    and a hypothesis that knows the system has α = `ANY` in place of one of the alphas.
+    """
+    kept = []
+    for kind, measures in tables.items():
+        table = measures.assign(hypothesis=kind)
+        table.loc[table["alpha"] == NONE, "hypothesis"] = "no supervisor"
+        kept.append(table.replace({"alpha": dict.fromkeys(alphas, ANY)}) if kind in ORACLES else table)
+    return pd.concat(kept, ignore_index=True).dropna(subset="delta")
+
+
+def summarise(measures: pd.DataFrame) -> pd.DataFrame:
+    """Means over seeds of what is `SHOWN`, by Δ, hypothesis and α; measures: as of `learned_under`."""
+    shown = measures[measures["measure"].isin(SHOWN)]
+    index = ["delta", "hypothesis", "alpha"]
+    return shown.pivot_table(index=index, columns="measure", values="value", sort=False)
+
+
+def better(measures: pd.DataFrame) -> pd.DataFrame:
+    """In how many cells (Δ, α) each hypothesis is better than the paper's, in words, by mean over seeds.
+
+    A column per measure of `BETTER`; cells without α are left out. measures: as of `learned_under`.
+    """
+    of_data = measures[~measures["alpha"].isin([NONE, ANY])]
+    index = ["measure", "delta", "alpha"]
+    cells = of_data.pivot_table(index=index, columns="hypothesis", values="value")
+    rows = {}
+    for measure, way in BETTER.items():
+        part = cells.loc[measure].mul(way)
+        pairs = [(int((own > part[PAPERS]).sum()), own.count()) for _, own in part.items()]
+        name = f"{'more' if way > 0 else 'fewer'}: {SHOWN[measure]}".replace("\n", " ")
+        rows[name] = [f"{more} of {of}" for more, of in pairs]
+    return pd.DataFrame(rows, index=cells.columns).drop(index=PAPERS)

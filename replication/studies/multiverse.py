@@ -34,6 +34,7 @@ Tables = Mapping[str, pd.DataFrame]  # by the id of the universe
 DESIGN_SEED = 0
 DRAWN = 48  # random universes: about as many as alternatives, at least 16 for each level of a choice
 ALONE, RANDOM = "one at a time", "random"
+TIES = 9  # decimals of a value: those that are equal but for the order of a sum have the same rank
 LEVEL = 0.05  # of q, the p of a main effect corrected for the number of choices
 VIOLATED = "set-up condition violated: "
 FEW = 6  # universes of a quick multiverse, at most
@@ -185,7 +186,7 @@ def main_effects(results: pd.DataFrame, universes: pd.DataFrame) -> pd.DataFrame
     rows: list[tuple[Any, ...]] = []
     drawn = universes[universes["design"] == RANDOM]
     for claim, group in results.dropna(subset="value").groupby("claim", sort=False):
-        table = group.set_index("id").join(drawn, how="inner")
+        table = group.assign(value=group["value"].round(TIES)).set_index("id").join(drawn, how="inner")
         found: list[tuple[Any, ...]] = []
         for choice in drawn.columns.drop("design"):
             levels = {str(level): part for level, part in table.groupby(choice, sort=False) if len(part) > 1}

@@ -4,12 +4,14 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.random import Generator
 from scipy import stats
 
 from replication.evidence.statistics import (
     LEVEL,
+    final_performance,
     interquartile_mean,
     mean_interval,
     share_interval,
@@ -139,3 +141,15 @@ def test_the_bootstrap_is_repeated_by_its_seed() -> None:
     cells = np.random.default_rng(0).normal(size=(3, 10))
     first, again = (stratified_bootstrap(list(cells), np.random.default_rng(1)) for _ in range(2))
     assert first == again
+
+
+def test_the_final_performance_is_the_interquartile_mean_over_all_cells() -> None:
+    rows = [("final_return", "0", d, s, 100.0 * s) for d in (1.1, 4.0) for s in range(4)]
+    rows += [("policy_return_share", "1", 1.1, 0, 0.5), ("falls", "1", 1.1, 0, 7.0)]
+    table = pd.DataFrame(rows, columns=["measure", "alpha", "delta", "seed", "value"])
+    found = final_performance(table, 1000.0).set_index(["measure", "condition"])
+    assert found.index.tolist() == [("final return", "0"), ("policy return share", "1")]
+    first, second = found.to_dict("records")
+    assert first["runs"] == 8 and first["IQM"] == pytest.approx(0.15)  # of 0, 0, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3
+    assert 0 <= first["low"] < first["IQM"] < first["high"] <= 0.3
+    assert second["IQM"] == 0.5 and math.isnan(second["low"])

@@ -4,10 +4,20 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from replication.studies.alternatives import Predictor
-from replication.studies.discrepancy import Experience, discrepancy, explore, predict
+from replication.studies.discrepancy import (
+    KINDS,
+    OUTCOMES,
+    Experience,
+    beside_outcomes,
+    discrepancy,
+    explore,
+    predict,
+    rank_correlations,
+)
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.lqg import LQG
@@ -117,3 +127,20 @@ def test_without_activations_there_is_nothing_to_compare() -> None:
     empty = replace(some, activated=np.zeros((0, 6)), safe=np.zeros(0, int), times=np.zeros(0))
     measures = discrepancy(empty, CONFIG)
     assert measures["unexplained"] > 0 and np.isnan([measures["surprises"], measures["slower"]]).all()
+
+
+def test_means_stand_beside_what_learners_got() -> None:
+    """Four Δ, two repeats and two seeds; one α was not trained, one Δ not explored."""
+    deltas = [1.0, 2.0, 3.0, 4.0]
+    measured = pd.DataFrame(
+        [{"alpha": a, "delta": d} | dict.fromkeys(KINDS, d + i) for a in "01" for d in deltas for i in (0, 2)]
+    )
+    rows = [(m, "0", d, s, -d + s) for m in (*OUTCOMES, "falls") for d in (*deltas, 5.0) for s in (0, 1)]
+    both = beside_outcomes(
+        measured, pd.DataFrame(rows, columns=["measure", "alpha", "delta", "seed", "value"])
+    )
+    assert both.index.tolist() == [(d, "0") for d in deltas] and list(both) == [*KINDS, *OUTCOMES]
+    assert both["slower"].tolist() == [d + 1 for d in deltas]
+    assert both["success_rate"].tolist() == [0.5 - d for d in deltas]
+    assert rank_correlations(both).to_numpy() == pytest.approx(-np.ones((3, 3)))
+    assert rank_correlations(both[:2]).isna().all(axis=None)

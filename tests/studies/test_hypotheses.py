@@ -3,7 +3,17 @@
 import pandas as pd
 import pytest
 
-from replication.studies.hypotheses import ANY, FOLLOWED, FREE, SCORES, ranks
+from replication.studies.hypotheses import (
+    ANY,
+    FOLLOWED,
+    FREE,
+    SCORES,
+    SHOWN,
+    better,
+    learned_under,
+    ranks,
+    summarise,
+)
 
 
 def cells(values: list[float], alpha: str = "0", kind: str = "h") -> pd.DataFrame:
@@ -30,3 +40,29 @@ def test_oracles_other_states_and_what_was_not_trained_do_not_count() -> None:
     learned = pd.concat([cells([0.3, 0.4]), known])[["hypothesis", "alpha", "delta", *FOLLOWED]]
     found = ranks(scores, learned)
     assert found["cells"].tolist() == [2] * 3 and found["final_return"].tolist() == pytest.approx([1] * 3)
+
+
+def test_learners_are_gathered_by_hypothesis() -> None:
+    """The paper's with the free learner, one without α = 1, and one that knows the system."""
+
+    def table(values: dict[str, float]) -> pd.DataFrame:
+        rows = [
+            (m, a, d, s, v + s) for m in SHOWN for a, v in values.items() for d in (1.1, 4.0) for s in (0, 1)
+        ]
+        rows += [("safe_share", a, None, 0, 9.0) for a in values]
+        return pd.DataFrame(rows, columns=["measure", "alpha", "delta", "seed", "value"])
+
+    tables = {
+        "tsne": table({"0": 1.0, "1": 2.0, "none": 3.0}),
+        "knn": table({"0": 0.5}),
+        "real": table({"1": 4.0}),
+    }
+    found = learned_under(tables, ["0", "1"])
+    cells = found[["hypothesis", "alpha"]].drop_duplicates()
+    pairs = [("tsne", "0"), ("tsne", "1"), ("no supervisor", "none"), ("knn", "0"), ("real", ANY)]
+    assert sorted(map(tuple, cells.to_numpy())) == sorted(pairs) and found["delta"].notna().all()
+    means = summarise(found)
+    assert means.loc[(4.0, "real", ANY), "activations"] == 4.5 and set(means) == set(SHOWN)
+    wins = better(found)
+    assert wins.index.tolist() == ["knn"]
+    assert wins.loc["knn"].tolist() == ["0 of 2", "0 of 2", "2 of 2"]  # less is better of violations alone

@@ -1,0 +1,3 @@
+"""The number of the arithmetic that results rest on."""
+
+ARITHMETIC = 1
