@@ -132,10 +132,10 @@ def train(
     _refuse_another(folder, identity)
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
         files.require_writable(place)
-    if checkpoint is not None and checkpoint.exists():
-        model, progress = restore(checkpoint, model, identity)
-        report(f"going on from step {model.num_timesteps}")
     steps = -(-run.steps // n_steps) * n_steps
+    if checkpoint is not None and checkpoint.exists():
+        progress = restore(checkpoint, model, identity, steps)
+        report(f"going on from step {model.num_timesteps}")
     kept = None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity)
     recorder = Recorder(progress, steps, max(1, steps // choices.visited_states), kept, report)
     if model.num_timesteps < steps:

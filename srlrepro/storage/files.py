@@ -10,7 +10,7 @@ import hashlib
 import json
 import secrets
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -80,8 +80,8 @@ def require_writable(folder: Path) -> None:
     probe.unlink(missing_ok=True)
 
 
-def existing(path: Path) -> Path:
-    """``path``, if there is such a file, of at most `LARGEST` bytes; else raise `ResultError`."""
+def existing(path: Path, more: int = 0) -> Path:
+    """``path``, if there is such a file, of at most `LARGEST` and ``more`` bytes; else raise `ResultError`."""
     path = Path(path)
     try:
         if not path.is_file():
@@ -89,23 +89,29 @@ def existing(path: Path) -> Path:
         size = path.stat().st_size
     except OSError as error:
         raise ResultError(f"cannot read {path}: {error.strerror}") from error
-    if size > LARGEST:
-        raise ResultError(f"{path} has {size} bytes, more than {LARGEST}")
+    if size > LARGEST + more:
+        raise ResultError(f"{path} has {size} bytes, more than {LARGEST + more}")
     return path
 
 
-def check_unpacked(archive: zipfile.ZipFile, path: Path) -> None:
-    """Raise `ResultError` if the parts state more than `LARGEST` bytes; zipfile reads no more than stated."""
-    unpacked = sum(part.file_size for part in archive.infolist())
-    if unpacked > LARGEST:
-        raise ResultError(f"{path} unpacks to {unpacked} bytes, more than {LARGEST}")
+def check_unpacked(archive: zipfile.ZipFile, path: Path, more: int = 0) -> None:
+    """Raise `ResultError` if a part stands twice, or all state more than `LARGEST` and ``more`` bytes.
+
+    zipfile reads no more than is stated.
+    """
+    parts = archive.infolist()
+    if len({part.filename for part in parts}) < len(parts):
+        raise ResultError(f"{path} has a part twice")
+    unpacked = sum(part.file_size for part in parts)
+    if unpacked > LARGEST + more:
+        raise ResultError(f"{path} unpacks to {unpacked} bytes, more than {LARGEST + more}")
 
 
-def bounded_archive(path: Path, kind: str = "zip archive") -> Path:
-    """``path``, if it is an archive that unpacks to at most `LARGEST` bytes; else raise `ResultError`."""
+def bounded_archive(path: Path, kind: str = "zip archive", more: int = 0) -> Path:
+    """``path``, if it is an archive of at most `LARGEST` and ``more`` bytes, unpacked too; else `ResultError`."""
     try:
-        with zipfile.ZipFile(existing(path)) as archive:
-            check_unpacked(archive, path)
+        with zipfile.ZipFile(existing(path, more)) as archive:
+            check_unpacked(archive, path, more)
     except ResultError:
         raise
     except Exception as error:  # zipfile raises more than it documents
@@ -119,15 +125,21 @@ def write_arrays(path: Path, kind: str, **arrays: Any) -> None:
         np.savez_compressed(file, format=np.array(kind), **arrays)
 
 
-def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]:
+def read_arrays(
+    path: Path, kind: str, names: Sequence[str] | Mapping[str, str], more: int = 0
+) -> dict[str, Any]:
     """Read the named arrays of an npz file of the given kind; pickled content is refused.
+
+    Args:
+        names: of the arrays; or with what each must hold: "U", text, or a kind of numbers such as "f8".
+        more: bytes beyond `LARGEST` that the caller has reason to expect.
 
     Raises:
         ResultError: the file is missing, too large, truncated, not of this kind, or an array holds neither
-            numbers that the compiled code takes nor text.
+            numbers that the compiled code takes nor text, or another kind than it must hold.
     """
     try:
-        with np.load(bounded_archive(path, f"{kind} file"), allow_pickle=False) as archive:
+        with np.load(bounded_archive(path, f"{kind} file", more), allow_pickle=False) as archive:
             if "format" not in archive or str(archive["format"]) != kind:
                 raise ResultError(f"{path} is not a {kind} file")
             arrays = {name: archive[name] for name in names}
@@ -136,8 +148,11 @@ def read_arrays(path: Path, kind: str, names: tuple[str, ...]) -> dict[str, Any]
     except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
         raise ResultError(f"{path} is truncated or not a {kind} file") from error
     for name, array in arrays.items():
-        if not array.dtype.isnative or (array.dtype.char not in NUMBERS and array.dtype.kind != "U"):
-            raise ResultError(f"{path}: {name} holds {one_line(array.dtype)}, not plain numbers or text")
+        dtype = array.dtype
+        if not dtype.isnative or (dtype.char not in NUMBERS and dtype.kind != "U"):
+            raise ResultError(f"{path}: {name} holds {one_line(dtype)}, not plain numbers or text")
+        if isinstance(names, Mapping) and names[name] not in (dtype.str[1:], "U" * (dtype.kind == "U")):
+            raise ResultError(f"{path}: {name} holds {one_line(dtype)}, not {names[name]}")
     return arrays
 
 
