@@ -135,9 +135,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
     sub.add_argument("--region", type=path, help="file that the command region wrote; not with --alpha none")
-    sub.add_argument(
-        "--out", type=path, required=True, help="folder to write; a checkpoint in it is gone on from"
-    )
+    sub.add_argument("--out", type=path, required=True, help="folder to write, or to go on in")
     add_settings(sub)
 
     command("choices", list_choices, "List every parameter with its value, allowed values and reason.")

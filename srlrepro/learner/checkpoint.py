@@ -36,10 +36,11 @@ TRIAL = {  # kinds of numbers and text of the columns of a trial
     "recovery": "U",
     "recovery_time": "f8",
 }
-RECORDED = {"visited": "f4", "rewards": "f8", **{f"trial.{name}": kind for name, kind in TRIAL.items()}}
+RECORDED = {f"trial.{name}": kind for name, kind in TRIAL.items()}
+RECORDED |= {"visited": "f4", "rewards": "f8", "seconds": "f8", "identity": "U"}
 WORDS = {"outcome": [*ENDS.values(), SUPERVISED], "recovery": ["", *RECOVERIES.values()]}
-# Neither numpy nor torch sees that the place in a state of the Mersenne Twister lies within its words. In torch's
-# bytes, these count the words that are left until the next turn, and name the next one.
+# Neither numpy nor torch sees that the place in a state of the Mersenne Twister lies within its words. In the
+# bytes of torch, LEFT counts the words until the next turn, and NEXT is the place.
 KEYS, LEFT, NEXT = 624, slice(8, 12), slice(16, 24)
 
 Arrays = dict[str, NDArray[Any]]
@@ -92,16 +93,11 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
 
 def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[str, Any]) -> None:
     """Write a checkpoint of a learner between two updates; ``identity`` says of which run (JSON)."""
-    columns = {f"trial.{name}": [trial[name] for trial in progress.trials] for name in TRIAL}
-    recorded = {
-        "visited": np.reshape(progress.visited, (-1, 6)),
-        "rewards": _monitor_and_task(model)[0].rewards,
-    }
-    arrays = {name: np.asarray(value, RECORDED[name]) for name, value in (recorded | columns).items()}
-    text = json.dumps(identity, sort_keys=True)
-    write_arrays(
-        path, FORMAT, **_learner_arrays(model), **arrays, identity=text, seconds=np.float64(progress.seconds)
-    )
+    recorded: dict[str, Any] = {f"trial.{name}": [trial[name] for trial in progress.trials] for name in TRIAL}
+    recorded |= {"visited": np.reshape(progress.visited, (-1, 6)), "seconds": progress.seconds}
+    recorded |= {"rewards": _monitor_and_task(model)[0].rewards, "identity": json.dumps(identity)}
+    arrays = {name: np.asarray(recorded[name], kind) for name, kind in RECORDED.items()}
+    write_arrays(path, FORMAT, **_learner_arrays(model), **arrays)
 
 
 def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str, bool]:
@@ -110,10 +106,7 @@ def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str
     left, following = found["torch_rng"][LEFT].view(np.int32)[0], found["torch_rng"][NEXT].view(np.int64)[0]
     columns, rows = [found[f"trial.{name}"] for name in TRIAL], found["trial.step"].shape
     ends, lengths = found["trial.step"], found["trial.length"]
-    words = (
-        np.isin(found["trial.outcome"], WORDS["outcome"]),
-        np.isin(found["trial.recovery"], WORDS["recovery"]),
-    )
+    known = [np.isin(found[f"trial.{name}"], words).all() for name, words in WORDS.items()]
     return {
         "the count of steps": 0 <= steps <= most_steps and steps % fresh.n_steps == 0,
         "the trial under way": 0 <= period < periods and found["rewards"].shape == (period,),
@@ -121,7 +114,7 @@ def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str
         "torch's generator": left + following == KEYS + 1 or (left, following) == (1, 0),
         "the visited states": found["visited"].shape[1:] == (6,) and len(found["visited"]) <= steps,
         "the table of trials": all(column.shape == rows and len(rows) == 1 for column in columns)
-        and bool(((1 <= lengths) & (lengths <= ends) & (ends <= steps)).all() and np.all(words)),
+        and bool(((lengths >= 1) & (lengths <= ends) & (ends <= steps)).all() and all(known)),
         "the time": found["seconds"].shape == () and bool(found["seconds"] >= 0),
     }
 
@@ -157,7 +150,7 @@ def restore(path: Path, fresh: PPO, identity: dict[str, Any], most_steps: int) -
     kinds = {name: array.dtype.str[1:] for name, array in own.items()} | RECORDED
     size = sum(array.nbytes for array in own.values())
     try:
-        found = read_arrays(path, FORMAT, {**kinds, "identity": "U", "seconds": "f8"}, size)
+        found = read_arrays(path, FORMAT, kinds, size)
         if parse_json(str(found["identity"])) != json.loads(json.dumps(identity)):
             raise ResultError(f"{path} is a checkpoint of another run or configuration")
         _require_fitting(found, own, fresh, most_steps, task.arrays.periods)
@@ -166,7 +159,7 @@ def restore(path: Path, fresh: PPO, identity: dict[str, Any], most_steps: int) -
         raise ResultError(f"{error}: delete it to start over") from error
     except (ValueError, RuntimeError) as error:  # the latter of torch
         raise ResultError(
-            f"{path} is not a checkpoint of this run ({error}): delete it to start over"
+            f"{path} is no checkpoint of this run ({error}): delete it to start over"
         ) from error
     steps, period, place, has_gauss = found["counts"].tolist()
     state = "MT19937", found["numpy_keys"], place, has_gauss, float(found["numpy_cached"])

@@ -81,7 +81,7 @@ def require_writable(folder: Path) -> None:
 
 
 def existing(path: Path, more: int = 0) -> Path:
-    """``path``, if there is such a file, of at most `LARGEST` and ``more`` bytes; else raise `ResultError`."""
+    """``path``, if there is such a file, of at most `LARGEST` + ``more`` bytes; else raise `ResultError`."""
     path = Path(path)
     try:
         if not path.is_file():
@@ -108,7 +108,7 @@ def check_unpacked(archive: zipfile.ZipFile, path: Path, more: int = 0) -> None:
 
 
 def bounded_archive(path: Path, kind: str = "zip archive", more: int = 0) -> Path:
-    """``path``, if it is an archive of at most `LARGEST` and ``more`` bytes, unpacked too; else `ResultError`."""
+    """``path``, if it is an archive of at most `LARGEST` + ``more`` bytes, unpacked; else `ResultError`."""
     try:
         with zipfile.ZipFile(existing(path, more)) as archive:
             check_unpacked(archive, path, more)

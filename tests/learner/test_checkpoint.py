@@ -51,6 +51,8 @@ def test_interrupted_and_resumed_gives_the_same_numbers(
     case.train(tmp_path, file, report=lines.append)
     assert lines[0] == f"going on from step {updates * UPDATE}"
     assert products(tmp_path) == products(whole[case.name])
+    policies = [(folder / "policy.zip").read_bytes() for folder in (tmp_path, whole[case.name])]
+    assert policies[0] == policies[1]
     assert not file.exists()
 
 
