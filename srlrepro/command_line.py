@@ -58,7 +58,7 @@ def run(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
     arguments = parser.parse_args(argv)
     with warnings.catch_warnings(record=True) as noted:  # of numbers that a refusal is about: it is one line
         status = _run(parser, arguments, shlex.join(sys.argv[1:] if argv is None else argv))
-    for warning in noted:
+    for warning in noted if status == 0 else ():
         warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
     return status
 

@@ -5,6 +5,7 @@ space of App. C, D_mnd is drawn from a normal distribution fitted to the states 
 visits on the nominal system from the origin. Labels and trajectories are those of the nominal system.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,9 @@ from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, write_made_of
 
 FORMAT = "srlrepro-training-data-2"
+MOST_ROWS = sys.maxsize // (
+    6 * np.dtype(float).itemsize
+)  # states that an array can hold, whatever the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +124,9 @@ def visited_states(config: Config, rng: Generator) -> Floats:
     hold = max(1, round(choices.random_hold / choices.control_period))
     pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
     torques = rng.uniform(-paper.torque_limit, paper.torque_limit, (choices.random_rollouts, pieces, 3))
-    out = np.empty((choices.random_rollouts * pieces * hold, 6))
+    rows = choices.random_rollouts * pieces * hold
+    check(rows <= MOST_ROWS, "control_period", choices.control_period, "longer, for so many random_rollouts")
+    out = np.empty((rows, 6))
     coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
     n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
     return out[:n].copy()

@@ -167,7 +167,7 @@ def train(
         },
         "provenance": provenance(progress.seconds),
     }
-    (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
+    files.remove(folder / "run.json")  # no tables of one training beside the counts of another
     files.write_table(folder / "trials.csv", trials)
     window = min(n_steps, max(SHORTEST, steps // 100))  # an update; less in a short run
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
@@ -175,5 +175,5 @@ def train(
     _write_policy(folder / "policy.zip", model)
     files.write_json(folder / "run.json", result)
     if checkpoint is not None:
-        checkpoint.unlink(missing_ok=True)
+        files.remove(checkpoint)
     return result

@@ -35,6 +35,7 @@ from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, write_made_of
 
 FORMAT = "srlrepro-safe-region-3"
+LEAST_STATES = 4  # the spectral start of t-SNE needs more than the three vectors that it takes
 
 
 @dataclass(eq=False, repr=False)
@@ -74,7 +75,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             z: [k] their labels l_n(x), 0 or 1.
             trajectories: [k, T, 6] closed-loop trajectories of the nominal system from x.
         """
-        self._check_parameters(len(as_states(x)))
+        k = len(as_states(x))
+        self._check_parameters(k)
+        check(k >= LEAST_STATES, "k", k, f"a whole number in [{LEAST_STATES}, inf)")
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
         return self.fit_embedding(x, z, embed(omega, self.perplexity, self.random_state))
 

@@ -1,6 +1,7 @@
 """Results on disk: written beside and renamed, read with checks, never a pickle.
 
-A file is either whole or absent: writers fill a temporary file in the same folder and rename it.
+A file is either whole or absent, after a loss of power too: writers fill a temporary file in the same folder,
+force it to the disk, rename it, and force the folder.
 Readers take nothing on trust, as a file may come from elsewhere: they run none of its content, read no more
 than `LARGEST` bytes of it, and raise `ResultError`, one line that names the file and what is wrong with it.
 """
@@ -8,7 +9,9 @@ than `LARGEST` bytes of it, and raise `ResultError`, one line that names the fil
 import errno
 import hashlib
 import json
+import os
 import secrets
+import stat
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -33,31 +36,68 @@ class ResultError(RuntimeError):
         super().__init__(one_line(message, LONGEST_MESSAGE))
 
 
+def _flush(path: Path) -> None:
+    """Force a file, or the names in a folder, to the disk."""
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    except OSError as error:
+        if error.errno != errno.EINVAL or not path.is_dir():  # some file systems cannot force a folder
+            raise
+    finally:
+        os.close(opened)
+
+
+def _make(folder: Path) -> None:
+    """Make a folder, and those above it."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for each in made:
+        _flush(each.parent)
+
+
+def _require_replaceable(path: Path) -> None:
+    """Raise `ResultError` if there is something that is no regular file, such as a link or a device."""
+    if path.is_dir() and not path.is_symlink():
+        raise ResultError(f"cannot write {path}: it is a folder")
+    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+        raise ResultError(f"cannot write {path}: it is no regular file")
+
+
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the folder of ``path``; on success rename it to ``path``.
+    """Yield a temporary path in the folder of ``path``; on success rename it to ``path``, and force both.
 
     Raises:
-        ResultError: the folder cannot be made or written, the disk is full, or the path is a folder.
+        ResultError: the folder cannot be made or written, the disk is full, or the path is that of a folder,
+            a link, a device or anything else but a regular file.
     """
     path = Path(path)
-    if path.is_dir():
-        raise ResultError(f"cannot write {path}: it is a folder")
     temporary = path.with_name(f".{path.stem}{UNFINISHED}{secrets.token_hex(4)}{path.suffix}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _require_replaceable(path)
+        _make(path.parent)
         temporary.touch(exist_ok=False)
     except OSError as error:
         raise ResultError(f"cannot write to {path.parent}: {error.strerror}") from error
     try:
         yield temporary
+        _flush(temporary)
         temporary.replace(path)
+        _flush(path.parent)
     except OSError as error:
         if error.errno not in FULL:
             raise
         raise ResultError(f"cannot write {path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if there is one, before anything that is written later."""
+    if path.exists():
+        path.unlink()
+        _flush(path.parent)
 
 
 def remove_unfinished(folder: Path) -> None:
@@ -74,10 +114,14 @@ def sha256(path: Path) -> str:
 
 def require_writable(folder: Path) -> None:
     """Make the folder; raise `ResultError` if no file can be written there."""
-    probe = Path(folder) / f".probe{UNFINISHED}"
-    with beside(probe):
-        pass
-    probe.unlink(missing_ok=True)
+    folder = Path(folder)
+    probe = folder / f".probe{UNFINISHED}{secrets.token_hex(4)}"
+    try:
+        _make(folder)
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        raise ResultError(f"cannot write to {folder}: {error.strerror}") from error
 
 
 def existing(path: Path, more: int = 0) -> Path:
