@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from srlrepro.command_line import escape_what_cannot_be_shown
 from workflow import ROOT
 from workflow.command_line import make_parser
 
@@ -53,8 +54,11 @@ def only_one() -> Iterator[IO[str]]:
 
     Who is given the file shares the lock. The system releases it when all of them have ended, however.
     """
+    from srlrepro.storage.files import require_replaceable
+
     (ROOT / "results").mkdir(exist_ok=True)
-    with (ROOT / "results" / ".lock").open("w") as file:
+    require_replaceable(path := ROOT / "results" / ".lock")  # what it names is emptied
+    with path.open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -99,6 +103,7 @@ def make_site() -> int:
 
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
+    escape_what_cannot_be_shown()
     test, site = arguments[:1] == ["test"], arguments == ["site"]
     parser, options = make_parser(), argparse.Namespace(slurm=False)
     if not test and not site:

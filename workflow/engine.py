@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple, NoReturn
 
 from tqdm import tqdm
 
-from srlrepro.storage.files import ResultError, read_json, remove_unfinished, write_json
+from srlrepro.storage.files import ResultError, read_json, remove_unfinished, require_replaceable, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
 from workflow.command_line import COMMAND_VARIABLE, CORES, LIMIT_VARIABLE
@@ -100,7 +100,8 @@ def supervise(command: list[str], environment: dict[str, str], log: Path, lock: 
         log: what the command says goes there.
         lock: held until the last job has ended, even if this process is killed.
     """
-    with log.open("w") as file:
+    require_replaceable(log)  # what it names is emptied
+    with log.open("w", encoding="utf-8", errors="backslashreplace") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "workflow.lifeline", *command],
             cwd=ROOT,
@@ -108,7 +109,8 @@ def supervise(command: list[str], environment: dict[str, str], log: Path, lock: 
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding="utf-8",
+            errors="backslashreplace",
             start_new_session=True,
             pass_fds=[lock.fileno()],
         )

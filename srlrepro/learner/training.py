@@ -12,6 +12,7 @@ The products of a run, in one folder:
 
 import io
 import json
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -149,7 +150,7 @@ def train(
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
         files.require_writable(place)
     steps = -(-run.steps // n_steps) * n_steps
-    if checkpoint is not None and checkpoint.exists():
+    if checkpoint is not None and os.path.lexists(checkpoint):
         progress = restore(checkpoint, model, identity, steps)
         report(f"going on from step {model.num_timesteps}")
     kept = None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity)

@@ -9,6 +9,7 @@ than `LARGEST` bytes of it, and raise `ResultError`, one line that names the fil
 import errno
 import hashlib
 import json
+import math
 import os
 import secrets
 import stat
@@ -56,7 +57,7 @@ def _make(folder: Path) -> None:
         _flush(each.parent)
 
 
-def _require_replaceable(path: Path) -> None:
+def require_replaceable(path: Path) -> None:
     """Raise `ResultError` if there is something that is no regular file, such as a link or a device."""
     if path.is_dir() and not path.is_symlink():
         raise ResultError(f"cannot write {path}: it is a folder")
@@ -75,7 +76,7 @@ def beside(path: Path) -> Iterator[Path]:
     path = Path(path)
     temporary = path.with_name(f".{path.stem}{UNFINISHED}{secrets.token_hex(4)}{path.suffix}")
     try:
-        _require_replaceable(path)
+        require_replaceable(path)
         _make(path.parent)
         temporary.touch(exist_ok=False)
     except OSError as error:
@@ -187,6 +188,10 @@ def read_arrays(
             if "format" not in archive or str(archive["format"]) != kind:
                 raise ResultError(f"{path} is not a {kind} file")
             arrays = {name: archive[name] for name in names}
+        if not all(
+            isinstance(array, np.ndarray) for array in arrays.values()
+        ):  # numpy hands out other parts raw
+            raise ValueError("a part that is no array")
     except ResultError:
         raise
     except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
@@ -203,7 +208,7 @@ def read_arrays(
 def write_json(path: Path, value: Any) -> None:
     """Write a value as indented JSON."""
     with beside(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        temporary.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -217,10 +222,17 @@ def _no_number(text: str) -> None:
     raise ValueError(f"{text} is no number of JSON")
 
 
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large a number")
+    return value
+
+
 def parse_json(text: str) -> Any:
     """The value of a JSON text; `ValueError`: it is none, too deep, or has NaN, infinity or a name twice."""
     try:
-        return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+        return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number, parse_float=_finite)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
 
@@ -245,7 +257,8 @@ def read_table(
     """Read a CSV table that has at least ``columns``; those in ``text`` are kept as they are written.
 
     Raises:
-        ResultError: the file is missing, too large, empty, lacks a column, or has words in ``numbers``.
+        ResultError: the file is missing, too large, empty, lacks a column, or has words or infinity in
+            ``numbers``.
     """
     try:
         table = pd.read_csv(existing(path), dtype=dict.fromkeys(text, str))
@@ -257,4 +270,7 @@ def read_table(
     words = [name for name in numbers if len(table) and table[name].dtype.kind not in "biuf"]
     if words:
         raise ResultError(f"{path} holds no numbers in the columns {', '.join(words)}")
+    infinite = [name for name in numbers if len(table) and np.isinf(table[name].astype(float)).any()]
+    if infinite:
+        raise ResultError(f"{path} holds infinite numbers in the columns {', '.join(infinite)}")
     return table
