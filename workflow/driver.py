@@ -8,6 +8,7 @@ values.
 import argparse
 import fcntl
 import hashlib
+import io
 import os
 import shutil
 import signal
@@ -21,7 +22,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from srlrepro.command_line import escape_what_cannot_be_shown
 from workflow import ROOT
 from workflow.command_line import make_parser
 
@@ -103,7 +103,8 @@ def make_site() -> int:
 
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
-    escape_what_cannot_be_shown()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # letters that the locale lacks
     test, site = arguments[:1] == ["test"], arguments == ["site"]
     parser, options = make_parser(), argparse.Namespace(slurm=False)
     if not test and not site:

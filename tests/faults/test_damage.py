@@ -115,3 +115,23 @@ def test_a_damaged_checkpoint_is_noticed(tmp_path: Path, count: list[bool]) -> N
     whole = read()
     count += noticed(path, read, lambda back: bool(back == whole), 4)
     assert len(count) == TRIES and all(count)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        [],
+        3,
+        {"sha256": []},
+        {"sha256": {"../secret": "0"}},
+        {"sha256": {"a/../../secret": "0"}},
+        {"sha256": {"/etc/passwd": "0"}},
+        {"sha256": {"a\0": "0"}},
+    ],
+)
+def test_a_forged_record_is_refused_and_looks_at_nothing_outside(record: Any, tmp_path: Path) -> None:
+    (tmp_path / "secret").touch()
+    write_json(tmp_path / "root" / "05_run.json", record)
+    (tmp_path / "root" / "05_run.ipynb").touch()
+    with pytest.raises(ResultError, match=r"05_run\.json (is no record|names a file outside)"):
+        require_undamaged([tmp_path / "root"], tmp_path / "root")

@@ -11,6 +11,8 @@ import io
 import json
 import os
 import stat
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -231,3 +233,30 @@ def test_a_loss_of_power(
         request.getfixturevalue("count").extend(results)
     else:
         assert not all(results)
+
+
+RULES = """
+rule all:
+    input: "b.txt"
+rule a:
+    output: "a.txt"
+    shell: "echo 1 > {output}; echo a >> made"
+rule b:
+    input: "a.txt"
+    output: "b.txt"
+    shell: "cat {input} > {output}; echo b >> made"
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("remains", [b"", None], ids=["emptied", "lost"])
+def test_snakemake_without_its_records(remains: bytes | None, tmp_path: Path) -> None:
+    """What is there is believed, which is why it has to be whole; what is not is made again."""
+    (tmp_path / "Snakefile").write_text(RULES)
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--rerun-incomplete", "--nolock", "--quiet"]
+    for made in ("a\nb\n", "a\nb\nb\n"):
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        assert (tmp_path / "made").read_text() == made and (tmp_path / "b.txt").read_text() == "1\n"
+        for record in list((tmp_path / ".snakemake" / "metadata").iterdir()):
+            record.unlink() if remains is None else record.write_bytes(remains)
+        (tmp_path / "b.txt").unlink()
