@@ -80,16 +80,13 @@ def _region(arguments: argparse.Namespace, alpha: float | None, config: Config) 
 
 
 def train(arguments: argparse.Namespace) -> None:
-    """Train one run, or go on with one from its checkpoint, if that is trusted."""
+    """Train one run, or go on with one from its checkpoint."""
     from srlrepro.learner import training
 
     config, alpha = _config(arguments), parse_alpha(arguments.alpha, "--alpha")
     steps = config.choices.total_steps if arguments.steps is None else arguments.steps
     run = training.Run(alpha, arguments.delta, _seed(arguments), steps)
     checkpoint = arguments.out / "checkpoint.zip"
-    ok = arguments.trust_checkpoint or not checkpoint.is_file()
-    trust = "with --trust-checkpoint (its pickles can run any code as they are read)"
-    check(ok, "--out", arguments.out, f"without a checkpoint, or {trust}")
     result = training.train(run, config, _region(arguments, alpha, config), arguments.out, checkpoint)
     print(json.dumps({"counts": result["counts"], "final_policy": result["final_policy"]}, indent=1))
 
@@ -132,17 +129,13 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--delta", type=float, default=1.0, help=text)
     add_settings(sub)
 
-    text = "Train one run; started again with --trust-checkpoint after a kill, it goes on."
-    sub = command("train", train, text)
+    sub = command("train", train, "Train one run; started again after a kill, it goes on.")
     sub.add_argument("--alpha", required=True, help="share of UD of the region, or none: no supervisor")
     sub.add_argument("--delta", type=float, required=True, help="mass mismatch Δ > 0 of the real system")
     sub.add_argument("--seed", type=int, default=0, help="seed of the learner (default: 0)")
     sub.add_argument("--steps", type=int, help="training steps (default: total_steps)")
     sub.add_argument("--region", type=path, help="file that the command region wrote; not with --alpha none")
-    sub.add_argument("--out", type=path, required=True, help="folder to write")
-    pickles = "it holds pickles of stable-baselines3, which can run any code as they are read"
-    text = f"go on from checkpoint.zip in the folder: {pickles}, so only if you or this program wrote it"
-    sub.add_argument("--trust-checkpoint", action="store_true", help=text)
+    sub.add_argument("--out", type=path, required=True, help="folder to write, or to go on in")
     add_settings(sub)
 
     command("choices", list_choices, "List every parameter with its value, allowed values and reason.")

@@ -4,6 +4,7 @@ Wrong use gives 2; a missing, broken or unwritable result gives 1.
 """
 
 import argparse
+import io
 import re
 import shlex
 import sys
@@ -53,12 +54,19 @@ def subcommands(parser: argparse.ArgumentParser) -> Callable[..., argparse.Argum
     return add
 
 
+def escape_what_cannot_be_shown() -> None:
+    """Let letters that the locale lacks, such as α in one of ASCII, be printed by their numbers."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as it is for stderr
+
+
 def run(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
     """Parse a command line and run the ``function`` that it names; returns the exit status."""
+    escape_what_cannot_be_shown()
     arguments = parser.parse_args(argv)
     with warnings.catch_warnings(record=True) as noted:  # of numbers that a refusal is about: it is one line
         status = _run(parser, arguments, shlex.join(sys.argv[1:] if argv is None else argv))
-    for warning in noted:
+    for warning in noted if status == 0 else ():
         warnings.showwarning(warning.message, warning.category, warning.filename, warning.lineno)
     return status
 

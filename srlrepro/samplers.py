@@ -5,6 +5,7 @@ space of App. C, D_mnd is drawn from a normal distribution fitted to the states 
 visits on the nominal system from the origin. Labels and trajectories are those of the nominal system.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,10 @@ from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, write_made_of
 
 FORMAT = "srlrepro-training-data-2"
+PARTS = {"x": "f8", "z": "i8", "n_ud": "i8", "mean": "f8", "covariance": "f8", "made_of": "U"}  # of the file
+MOST_ROWS = sys.maxsize // (
+    6 * np.dtype(float).itemsize
+)  # states that an array can hold, whatever the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +60,14 @@ class TrainingData:
 
     def save(self, path: Path) -> None:
         """Write as npz (no pickle), beside and renamed."""
-        parts = {"x": self.x, "z": self.z, "n_ud": self.n_ud}
+        parts = {"x": self.x, "z": self.z, "n_ud": self.n_ud, "made_of": write_made_of(self.made_of)}
         parts |= {"mean": self.mnd.mean, "covariance": self.mnd.covariance}
-        write_arrays(path, FORMAT, **parts, made_of=write_made_of(self.made_of))
+        write_arrays(path, FORMAT, **{name: np.asarray(parts[name], kind) for name, kind in PARTS.items()})
 
     @classmethod
     def load(cls, path: Path) -> "TrainingData":
         """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or no labelled states."""
-        a = read_arrays(path, FORMAT, ("x", "z", "n_ud", "mean", "covariance", "made_of"))
+        a = read_arrays(path, FORMAT, PARTS)
         try:
             k, n_ud = len(as_states(a["x"])), int(a["n_ud"])
             fits = [a[name].shape for name in ("z", "mean", "covariance")] == [(k,), (6,), (6, 6)]
@@ -120,7 +125,9 @@ def visited_states(config: Config, rng: Generator) -> Floats:
     hold = max(1, round(choices.random_hold / choices.control_period))
     pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
     torques = rng.uniform(-paper.torque_limit, paper.torque_limit, (choices.random_rollouts, pieces, 3))
-    out = np.empty((choices.random_rollouts * pieces * hold, 6))
+    rows = choices.random_rollouts * pieces * hold
+    check(rows <= MOST_ROWS, "control_period", choices.control_period, "longer, for so many random_rollouts")
+    out = np.empty((rows, 6))
     coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
     n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
     return out[:n].copy()

@@ -356,6 +356,46 @@ def test_parameters_of_notebooks(place: Path, record_property: Callable[[str, ob
     tally.report(record_property)
 
 
+NO_UTF_8 = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii", "PYTHONCOERCECLOCALE": "0"}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["srlrepro", "--help"],
+        ["srlrepro", "choices"],
+        ["srlrepro", "data", "--alpha=0.5", "--out=x.npz", "--set", "k=20", "random_rollouts=50"],
+        ["srlrepro", "region", "--data=data.npz", "--out=region.npz", "--set", "k=20", "random_rollouts=50"],
+        ["replication", "--help"],
+        ["replication", "claims", str(ROOT / "figures" / "full" / "measures.csv")],
+        ["workflow.driver", "--help"],
+    ],
+    ids=lambda line: " ".join(line[:2])[:30],
+)
+def test_a_locale_without_utf_8(line: list[str], tmp_path: Path) -> None:
+    command = [sys.executable, "-B", "-m"]
+    environment = {"PYTHONPATH": str(ROOT)}
+    if "--data=data.npz" in line:
+        made = [*command, "srlrepro", "data", "--alpha=0.5", "--out=data.npz", *line[4:]]
+        subprocess.run(made, cwd=tmp_path, env=environment, check=True, capture_output=True)
+    done = subprocess.run([*command, *line], cwd=tmp_path, env=environment | NO_UTF_8, capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"") and done.stdout.isascii()
+
+
+def test_a_region_of_too_few_states_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng, mnd = np.random.default_rng(0), MultivariateNormal(np.zeros(6), np.eye(6))
+    made_of = MadeOf(0.5, 0, Config().until("data"))
+    for states, status in ((2, 2), (3, 0)):  # and the origin
+        data = TrainingData(0.1 * rng.normal(size=(states, 6)), np.arange(states) % 2, 1, mnd, made_of)
+        data.save(tmp_path / "data.npz")
+        line = ["region", "--data", str(tmp_path / "data.npz"), "--out", str(tmp_path / "region.npz")]
+        try:
+            assert srlrepro(line) == status
+        except SystemExit as stop:
+            assert stop.code == status == 2
+            assert "k = 3: must be a whole number in [4, inf)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "line",
     [

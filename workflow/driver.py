@@ -8,6 +8,7 @@ values.
 import argparse
 import fcntl
 import hashlib
+import io
 import os
 import shutil
 import signal
@@ -53,8 +54,11 @@ def only_one() -> Iterator[IO[str]]:
 
     Who is given the file shares the lock. The system releases it when all of them have ended, however.
     """
+    from srlrepro.storage.files import require_replaceable
+
     (ROOT / "results").mkdir(exist_ok=True)
-    with (ROOT / "results" / ".lock").open("w") as file:
+    require_replaceable(path := ROOT / "results" / ".lock")  # what it names is emptied
+    with path.open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -99,6 +103,8 @@ def make_site() -> int:
 
 def main(arguments: list[str]) -> int:
     """Run the command line; returns the exit status."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # letters that the locale lacks
     test, site, verify = arguments[:1] == ["test"], arguments == ["site"], arguments[:1] == ["verify"]
     parser, options = make_parser(), argparse.Namespace(slurm=False)
     if verify:

@@ -14,7 +14,7 @@ from typing import IO, Any, NamedTuple, NoReturn
 from tqdm import tqdm
 
 from replication.digests import write_digests
-from srlrepro.storage.files import ResultError, read_json, remove_unfinished, write_json
+from srlrepro.storage.files import ResultError, read_json, remove_unfinished, require_replaceable, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
 from workflow.command_line import COMMAND_VARIABLE, CORES, LIMIT_VARIABLE
@@ -104,7 +104,8 @@ def supervise(
         lock: held until the last job has ended, even if this process is killed.
         place: checkout in which it runs.
     """
-    with log.open("w") as file:
+    require_replaceable(log)  # what it names is emptied
+    with log.open("w", encoding="utf-8", errors="backslashreplace") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "workflow.lifeline", *command],
             cwd=place,
@@ -112,7 +113,8 @@ def supervise(
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding="utf-8",
+            errors="backslashreplace",
             start_new_session=True,
             pass_fds=[lock.fileno()],
         )

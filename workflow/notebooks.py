@@ -234,9 +234,14 @@ def require_undamaged(folders: Iterable[Path], root: Path) -> None:
     found = {}
     for notebook in (path for folder in folders for path in sorted(folder.rglob("*.ipynb"))):
         record = notebook.with_suffix(".json")
-        digests = read_json(record).get("sha256", {}) if record.exists() else {}
+        made = read_json(record) if record.exists() else {}
+        digests = made.get("sha256", {}) if isinstance(made, dict) else None
+        if not isinstance(digests, dict):
+            raise ResultError(f"{record} is no record of what a notebook wrote")
         for name, digest in digests.items():
-            if (root / name).exists() and sha256(root / name) != digest:
+            if Path(name).is_absolute() or ".." in Path(name).parts or "\0" in name:
+                raise ResultError(f"{record} names a file outside of the results: {one_line(name)}")
+            if (root / name).exists() and sha256(existing(root / name)) != digest:
                 found[name] = notebook.name
     if found:
         name, writer = next(iter(found.items()))

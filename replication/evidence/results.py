@@ -79,7 +79,11 @@ class TrainedRun:
 
     def visited(self) -> Floats:
         """States [N, 6] that the learner's steps reached, rad and rad/s, in their order."""
-        return np.asarray(read_arrays(self.folder / "visited.npz", VISITED_FORMAT, ("x",))["x"], np.float64)
+        path = self.folder / "visited.npz"
+        x = read_arrays(path, VISITED_FORMAT, ("x",))["x"]
+        if x.dtype.kind != "f" or x.ndim != 2 or x.shape[1] != 6 or not len(x) or not np.isfinite(x).all():
+            raise ResultError(f"{path} holds no states [N, 6] of finite numbers")
+        return np.asarray(x, np.float64)
 
 
 def read_run(place: str | Path) -> TrainedRun:

@@ -122,6 +122,8 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
         self.metadata = self.metadata | {"render_fps": round(1.0 / dt)}
         limit, unit = paper.torque_limit, config.choices.action_unit
         largest = limit / unit
+        most = float(np.finfo(np.float32).max)
+        check(largest <= most, "torque_limit", limit, f"at most {most:g} times action_unit")
         self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
         self.state, self.period = np.zeros(6), 0

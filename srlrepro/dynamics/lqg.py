@@ -37,6 +37,18 @@ from srlrepro.settings.paper import Paper
 Gains = tuple[Floats, Floats, Floats, Floats, float]  # A, B, L, K_f, torque limit
 
 
+def riccati(a: Floats, b: Floats, q: Floats, r: Floats) -> Floats:
+    """P of the module's control equation, for A [n, n], B [n, m], Q [n, n], R [m, m].
+
+    Raises:
+        LinAlgError: there is none, or the numbers are too large or too small to find it.
+    """
+    try:
+        return np.asarray(solve_discrete_are(a, b, q, r), np.float64)
+    except ValueError as error:  # of infinite numbers, and of an order that rounding has spoilt
+        raise np.linalg.LinAlgError(str(error)) from error
+
+
 @jit
 def lqg_update(gains: Gains, xbar: Floats, y: Floats, u: Floats) -> None:
     """One period of K: reads the measurement y [6], writes u [3], advances the prediction x̄ [6] in place."""
@@ -67,6 +79,7 @@ class LQG:
 
     Raises:
         ParameterError: a value is not allowed, or the "nominal" system has Δ ≠ 1.
+        LinAlgError (from its gains): there is no K for these values, as far as rounding allows to tell.
     """
 
     nominal: ThreeLinkPendulum = ThreeLinkPendulum()
@@ -114,14 +127,14 @@ class LQG:
     def gain(self) -> Floats:
         """The feedback gain L [3, 6] in N·m per rad and rad/s."""
         (a, b), (q, r) = self.model, self.weights
-        p = solve_discrete_are(a, b, q, r)
+        p = riccati(a, b, q, r)
         return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a), np.float64)
 
     @cached_property
     def filter_gain(self) -> Floats:
         """The steady-state Kalman gain K_f [6, 6] of the measurement update."""
         (a, _), (w, v) = self.model, self.noise
-        s = solve_discrete_are(a.T, np.eye(6), w, v)
+        s = riccati(a.T, np.eye(6), w, v)
         return np.asarray(np.linalg.solve(s + v, s).T, np.float64)
 
     @property

@@ -1,14 +1,15 @@
-"""Checkpoints of a training: everything that the next update depends on, in one file.
+"""Checkpoints of a training: everything that the next update depends on, as numbers and text in one file.
 
-A checkpoint is a zip with stable-baselines3's own archive (networks, optimiser, counters, last
-observation), the states of torch's and numpy's random generators, the state of the environment in the
-middle of its trial, and what was recorded so far. Going on from it gives the same numbers as not having
-stopped. It is written between two updates, beside and renamed, so that it is whole or absent.
+A checkpoint is an npz without pickles: the networks, Adam's moments, the last observation, the states of
+torch's and numpy's random generators, the state of the task in the middle of its trial, and what was recorded
+so far. It is restored into a learner that the code has built; going on from it gives the same numbers as not
+having stopped. It is written between two updates, beside and renamed, so that it is whole or absent.
+
+Left out is what no later number depends on: the Monitor's books of trials that are over, the averages of the
+log, and the generators of the environment and its spaces, from which neither the task nor PPO draws.
 """
 
-import io
 import json
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,29 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 
-from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.storage.files import ResultError, beside
+from srlrepro.dynamics.circle_env import ENDS, ThreeLinkCircleEnv
+from srlrepro.storage.files import ResultError, parse_json, read_arrays, write_arrays
+from srlrepro.supervisor import RECOVERIES, SUPERVISED
+
+FORMAT = "srlrepro-checkpoint-2"
+MOMENTS = ("exp_avg", "exp_avg_sq")
+TRIAL = {  # kinds of numbers and text of the columns of a trial
+    "step": "i8",
+    "length": "i8",
+    "return": "f8",
+    "outcome": "U",
+    "activated": "b1",
+    "recovery": "U",
+    "recovery_time": "f8",
+}
+RECORDED = {f"trial.{name}": kind for name, kind in TRIAL.items()}
+RECORDED |= {"visited": "f4", "rewards": "f8", "seconds": "f8", "identity": "U"}
+WORDS = {"outcome": [*ENDS.values(), SUPERVISED], "recovery": ["", *RECOVERIES.values()]}
+# Neither numpy nor torch sees that the place in a state of the Mersenne Twister lies within its words. In the
+# bytes of torch, LEFT counts the words until the next turn, and NEXT is the place.
+KEYS, LEFT, NEXT = 624, slice(8, 12), slice(16, 24)
+
+Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass
@@ -42,58 +64,115 @@ def _monitor_and_task(model: BaseAlgorithm) -> tuple[Monitor[Any, Any], ThreeLin
     return monitor, monitor.unwrapped
 
 
+def _tensors(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
+    """Weights, and of each Adam's moments, zero before its first step."""
+    found: dict[str, torch.Tensor] = {}
+    for name, weight in model.policy.named_parameters():
+        state = model.policy.optimizer.state[weight]
+        found[f"weight.{name}"] = weight.detach()
+        found |= {f"{m}.{name}": state.get(m, torch.zeros_like(weight)).detach() for m in MOMENTS}
+    return found
+
+
+def _learner_arrays(model: BaseAlgorithm) -> Arrays:
+    """All of a learner, its task and the generators that has a fixed size."""
+    _, task = _monitor_and_task(model)
+    # stable-baselines3 draws its minibatches from numpy's global generator
+    _, keys, place, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
+    arrays = {
+        "counts": np.array((model.num_timesteps, task.period, place, has_gauss), np.int64),
+        "numpy_cached": np.array(cached, np.float64),
+        "numpy_keys": np.asarray(keys),
+        "torch_rng": torch.get_rng_state().numpy(),
+        "state": task.state,
+        "observation": np.asarray(model._last_obs),
+        "episode_start": np.asarray(model._last_episode_starts),
+    }
+    return arrays | {name: tensor.numpy() for name, tensor in _tensors(model).items()}
+
+
 def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[str, Any]) -> None:
     """Write a checkpoint of a learner between two updates; ``identity`` says of which run (JSON)."""
-    monitor, task = _monitor_and_task(model)
-    archive, arrays = io.BytesIO(), io.BytesIO()
-    model.save(archive)
-    # stable-baselines3 draws its minibatches from numpy's global generator
-    name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
-    np.savez(
-        arrays,
-        torch_rng=torch.get_rng_state().numpy(),
-        numpy_keys=keys,
-        state=task.state,
-        visited=np.array(progress.visited, np.float32).reshape(-1, 6),
-    )
-    rest = {
-        "identity": identity,
-        "numpy_rng": [str(name), int(position), int(has_gauss), float(cached)],
-        "period": task.period,
-        "rewards": monitor.rewards,
-        "trials": progress.trials,
-        "seconds": progress.seconds,
+    recorded: dict[str, Any] = {f"trial.{name}": [trial[name] for trial in progress.trials] for name in TRIAL}
+    recorded |= {"visited": np.reshape(progress.visited, (-1, 6)), "seconds": progress.seconds}
+    recorded |= {"rewards": _monitor_and_task(model)[0].rewards, "identity": json.dumps(identity)}
+    arrays = {name: np.asarray(recorded[name], kind) for name, kind in RECORDED.items()}
+    write_arrays(path, FORMAT, **_learner_arrays(model), **arrays)
+
+
+def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str, bool]:
+    """{part: whether it can be of a learner between two updates}; all have been read with their kinds."""
+    steps, period, place, has_gauss = found["counts"].tolist()
+    left, following = found["torch_rng"][LEFT].view(np.int32)[0], found["torch_rng"][NEXT].view(np.int64)[0]
+    columns, rows = [found[f"trial.{name}"] for name in TRIAL], found["trial.step"].shape
+    ends, lengths = found["trial.step"], found["trial.length"]
+    known = [np.isin(found[f"trial.{name}"], words).all() for name, words in WORDS.items()]
+    return {
+        "the count of steps": 0 <= steps <= most_steps and steps % fresh.n_steps == 0,
+        "the trial under way": 0 <= period < periods and found["rewards"].shape == (period,),
+        "numpy's generator": 0 <= place <= KEYS and has_gauss in (0, 1),
+        "torch's generator": left + following == KEYS + 1 or (left, following) == (1, 0),
+        "the visited states": found["visited"].shape[1:] == (6,) and len(found["visited"]) <= steps,
+        "the table of trials": all(column.shape == rows and len(rows) == 1 for column in columns)
+        and bool(((lengths >= 1) & (lengths <= ends) & (ends <= steps)).all() and all(known)),
+        "the time": found["seconds"].shape == () and bool(found["seconds"] >= 0),
     }
-    with beside(path) as temporary, zipfile.ZipFile(temporary, "w") as file:
-        file.writestr("model.zip", archive.getvalue())
-        file.writestr("arrays.npz", arrays.getvalue())
-        file.writestr("rest.json", json.dumps(rest))
 
 
-def restore(path: Path, fresh: PPO, identity: dict[str, Any]) -> tuple[PPO, Progress]:
-    """The learner and progress of a checkpoint, on the environment of a ``fresh`` learner of the same run.
+def _require_fitting(found: Arrays, own: Arrays, fresh: PPO, most_steps: int, periods: int) -> None:
+    """Raise `ValueError` unless arrays have the shapes of the learner's ``own``, are finite, and agree."""
+    for name, array in found.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
+        if name in own and array.shape != own[name].shape:
+            raise ValueError(f"{name} has the shape {array.shape}, not {own[name].shape}")
+    for name, ok in _agree(found, fresh, most_steps, periods).items():
+        if not ok:
+            raise ValueError(f"{name} does not fit")
+
+
+def restore(path: Path, fresh: PPO, identity: dict[str, Any], most_steps: int) -> Progress:
+    """Bring a ``fresh`` learner of the same run, its task and the generators to where a checkpoint stands.
+
+    most_steps: that the training takes in all.
+
+    Returns:
+        The progress of the checkpoint.
 
     Raises:
-        ResultError: the file is truncated, not a checkpoint, or of another run.
+        ResultError: the file is missing, truncated, not a checkpoint, or of another run.
     """
-    try:
-        with zipfile.ZipFile(path) as file:
-            rest = json.loads(file.read("rest.json"))
-            with np.load(io.BytesIO(file.read("arrays.npz")), allow_pickle=False) as stored:
-                arrays = dict(stored)
-            archive = io.BytesIO(file.read("model.zip"))
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
-        raise ResultError(f"{path} is truncated or not a checkpoint: delete it to start over") from error
-    if rest["identity"] != json.loads(json.dumps(identity)):
-        raise ResultError(f"{path} is a checkpoint of another run or configuration: delete it to start over")
-    environment = fresh.get_env()
+    environment, (monitor, task) = fresh.get_env(), _monitor_and_task(fresh)
     assert environment is not None
-    environment.reset()
-    model = type(fresh).load(archive, env=environment, device="cpu", force_reset=False)
-    monitor, task = _monitor_and_task(model)
-    task.state, task.period = arrays["state"], rest["period"]
-    monitor.rewards = rest["rewards"]
-    name, position, has_gauss, cached = rest["numpy_rng"]
-    np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
-    torch.set_rng_state(torch.from_numpy(arrays["torch_rng"]))
-    return model, Progress(rest["trials"], list(arrays["visited"]), rest["seconds"])
+    fresh._last_obs = environment.reset()  # type: ignore[assignment]
+    fresh._last_episode_starts = np.ones(1, bool)
+    own = _learner_arrays(fresh)
+    kinds = {name: array.dtype.str[1:] for name, array in own.items()} | RECORDED
+    size = sum(array.nbytes for array in own.values())
+    try:
+        found = read_arrays(path, FORMAT, kinds, size)
+        if parse_json(str(found["identity"])) != json.loads(json.dumps(identity)):
+            raise ResultError(f"{path} is a checkpoint of another run or configuration")
+        _require_fitting(found, own, fresh, most_steps, task.arrays.periods)
+        torch.set_rng_state(torch.from_numpy(found["torch_rng"]))
+    except ResultError as error:
+        raise ResultError(f"{error}: delete it to start over") from error
+    except (ValueError, RuntimeError) as error:  # the latter of torch
+        raise ResultError(
+            f"{path} is no checkpoint of this run ({error}): delete it to start over"
+        ) from error
+    steps, period, place, has_gauss = found["counts"].tolist()
+    state = "MT19937", found["numpy_keys"], place, has_gauss, float(found["numpy_cached"])
+    np.random.set_state(state)  # noqa: NPY002
+    fresh.num_timesteps, fresh._n_updates = steps, steps // fresh.n_steps * fresh.n_epochs
+    adam_steps = float(fresh._n_updates * (fresh.n_steps // fresh.batch_size))
+    for weight in fresh.policy.parameters():
+        moments = {name: torch.zeros_like(weight) for name in MOMENTS}
+        fresh.policy.optimizer.state[weight] |= {"step": torch.tensor(adam_steps), **moments}
+    for name, tensor in _tensors(fresh).items():
+        tensor.copy_(torch.from_numpy(found[name]))
+    fresh._last_obs, fresh._last_episode_starts = found["observation"], found["episode_start"]
+    task.state, task.period, monitor.rewards = found["state"], period, found["rewards"].tolist()
+    rows = zip(*(found[f"trial.{name}"].tolist() for name in TRIAL), strict=True)
+    trials = [dict(zip(TRIAL, row, strict=True)) for row in rows]
+    return Progress(trials, list(found["visited"]), float(found["seconds"]))

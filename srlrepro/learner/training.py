@@ -6,14 +6,17 @@ The products of a run, in one folder:
 - ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
 - ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
   the distribution 𝒟 of Sec. III;
-- ``policy.zip``: the final policy, an archive of stable-baselines3 (the one kind of file with pickles);
+- ``policy.zip``: the final policy, an archive of stable-baselines3; it has pickles, which nothing here reads;
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
+import io
 import json
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, ZipInfo
 
 import gymnasium as gym
 import numpy as np
@@ -37,6 +40,11 @@ from srlrepro.storage import files
 from srlrepro.storage.provenance import provenance
 from srlrepro.supervisor import Supervisor
 
+OF_THE_SITTING = (
+    "start_time",
+    "ep_info_buffer",
+    "_num_timesteps_at_start",
+)  # of a learner; only logs read them
 SHORTEST = 256  # steps of a row of the learning curve, at least, so that some trials end in it
 
 
@@ -98,6 +106,15 @@ def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
         )
 
 
+def _write_policy(path: Path, model: PPO) -> None:
+    """Write the archive of a learner without times, so that the same run gives the same bytes."""
+    archive = io.BytesIO()
+    model.save(archive, exclude=OF_THE_SITTING)
+    with files.beside(path) as temporary, ZipFile(archive) as parts, ZipFile(temporary, "w") as file:
+        for name in parts.namelist():
+            file.writestr(ZipInfo(name), parts.read(name))
+
+
 def train(
     run: Run,
     config: Config,
@@ -132,10 +149,10 @@ def train(
     _refuse_another(folder, identity)
     for place in (folder, folder if checkpoint is None else checkpoint.parent):
         files.require_writable(place)
-    if checkpoint is not None and checkpoint.exists():
-        model, progress = restore(checkpoint, model, identity)
-        report(f"going on from step {model.num_timesteps}")
     steps = -(-run.steps // n_steps) * n_steps
+    if checkpoint is not None and os.path.lexists(checkpoint):
+        progress = restore(checkpoint, model, identity, steps)
+        report(f"going on from step {model.num_timesteps}")
     kept = None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity)
     recorder = Recorder(progress, steps, max(1, steps // choices.visited_states), kept, report)
     if model.num_timesteps < steps:
@@ -151,14 +168,13 @@ def train(
         },
         "provenance": provenance(progress.seconds),
     }
-    (folder / "run.json").unlink(missing_ok=True)  # no tables of one training beside the counts of another
+    files.remove(folder / "run.json")  # no tables of one training beside the counts of another
     files.write_table(folder / "trials.csv", trials)
     window = min(n_steps, max(SHORTEST, steps // 100))  # an update; less in a short run
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
-    with files.beside(folder / "policy.zip") as temporary:
-        model.save(temporary)
+    _write_policy(folder / "policy.zip", model)
     files.write_json(folder / "run.json", result)
     if checkpoint is not None:
-        checkpoint.unlink(missing_ok=True)
+        files.remove(checkpoint)
     return result

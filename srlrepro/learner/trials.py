@@ -88,6 +88,8 @@ def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
                 with zipfile.ZipFile(io.BytesIO(archive.read(part))) as tensors:
                     check_unpacked(tensors, path)
         learner.set_parameters(str(path), device="cpu")
+        if not all(np.isfinite(value.numpy()).all() for value in learner.policy.state_dict().values()):
+            raise ResultError(f"{path} holds a policy with numbers that are not finite")
     except ResultError:
         raise
     except Exception as error:  # torch raises a dozen kinds

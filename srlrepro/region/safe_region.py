@@ -35,6 +35,8 @@ from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, write_made_of
 
 FORMAT = "srlrepro-safe-region-3"
+TINY = float(np.finfo(float).tiny)  # below, numbers lose digits
+LEAST_STATES = 4  # the spectral start of t-SNE needs more than the three vectors that it takes
 
 
 @dataclass(eq=False, repr=False)
@@ -74,7 +76,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             z: [k] their labels l_n(x), 0 or 1.
             trajectories: [k, T, 6] closed-loop trajectories of the nominal system from x.
         """
-        self._check_parameters(len(as_states(x)))
+        k = len(as_states(x))
+        self._check_parameters(k)
+        check(k >= LEAST_STATES, "k", k, f"a whole number in [{LEAST_STATES}, inf)")
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
         return self.fit_embedding(x, z, embed(omega, self.perplexity, self.random_state))
 
@@ -160,10 +164,12 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     @classmethod
     def load(cls, path: Path) -> "SafeRegion":
         """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or values not allowed."""
-        params, fields = tuple(cls().get_params()), RegionArrays._fields
-        names = (*(f"param_{n}" for n in params), *(f"array_{n}" for n in fields))
-        stored = read_arrays(path, FORMAT, (*names, "evidence", "labels", "made_of"))
-        values = {n: stored[f"param_{n}"].tolist() for n in params}
+        names, fields = tuple(cls().get_params()), RegionArrays._fields
+        params = [f"param_{name}" for name in names]
+        kinds = {f"array_{name}": "f8" for name in fields} | {"array_neighbours": "i8"}
+        kinds |= {"evidence": "f8", "labels": "i8", "made_of": "U"}
+        stored = read_arrays(path, FORMAT, kinds) | read_arrays(path, FORMAT, params)
+        values = {n: stored[f"param_{n}"].tolist() for n in names}
         if isinstance(values["state_max"], list):
             values["state_max"] = tuple(values["state_max"])
         region = cls(**values)
@@ -175,8 +181,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         try:
             region._check_parameters(k)
             fits = [part.shape for part in parts] == shapes and all(np.isfinite(part).all() for part in parts)
-            fits = fits and bool(np.isin(labels, (0, 1)).all()) and (a["scale"] > 0).all() and a["cell"] > 0
-            fits = fits and 1 <= a["neighbours"] < k and 0 <= a["empty"] < 1
+            fits = fits and bool(np.isin(labels, (0, 1)).all()) and a["cell"] >= TINY
+            fits = fits and bool(np.array_equal(a["scale"], region.state_max) and (a["scale"] >= TINY).all())
+            fits = fits and a["neighbours"] == min(region.psi_neighbours, k - 1) and 0 <= a["empty"] < 1
             if not (fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1):
                 raise ValueError("shapes or values")
         except (ValueError, TypeError) as error:

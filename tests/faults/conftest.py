@@ -12,6 +12,7 @@ TALLY = pytest.StashKey[dict[str, tuple[int, int]]]()
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--kills", type=int, default=4, help="how often the workflow is killed")
+    parser.addoption("--cuts", type=int, default=200, help="how often the power is cut")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

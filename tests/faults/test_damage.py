@@ -108,10 +108,30 @@ def test_a_damaged_checkpoint_is_noticed(tmp_path: Path, count: list[bool]) -> N
 
     def read() -> dict[str, bytes]:
         fresh = make_learner(make_env(case.run, case.config, None), case.config, 3)
-        back, progress = restore(path, fresh, json.loads(json.dumps(identity)))
-        found = {name: value.numpy().tobytes() for name, value in back.policy.state_dict().items()}
+        progress = restore(path, fresh, json.loads(json.dumps(identity)), 2 * UPDATE)
+        found = {name: value.numpy().tobytes() for name, value in fresh.policy.state_dict().items()}
         return found | {"seconds": np.float64(progress.seconds).tobytes()}
 
     whole = read()
     count += noticed(path, read, lambda back: bool(back == whole), 4)
     assert len(count) == TRIES and all(count)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        [],
+        3,
+        {"sha256": []},
+        {"sha256": {"../secret": "0"}},
+        {"sha256": {"a/../../secret": "0"}},
+        {"sha256": {"/etc/passwd": "0"}},
+        {"sha256": {"a\0": "0"}},
+    ],
+)
+def test_a_forged_record_is_refused_and_looks_at_nothing_outside(record: Any, tmp_path: Path) -> None:
+    (tmp_path / "secret").touch()
+    write_json(tmp_path / "root" / "05_run.json", record)
+    (tmp_path / "root" / "05_run.ipynb").touch()
+    with pytest.raises(ResultError, match=r"05_run\.json (is no record|names a file outside)"):
+        require_undamaged([tmp_path / "root"], tmp_path / "root")

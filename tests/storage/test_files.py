@@ -17,6 +17,7 @@ from srlrepro.storage.files import (
     read_arrays,
     read_json,
     read_table,
+    remove,
     remove_unfinished,
     require_writable,
     sha256,
@@ -230,3 +231,44 @@ def test_what_killed_writers_left_is_removed_and_nothing_else(tmp_path: Path) ->
 def test_a_digest_is_that_of_the_content(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     assert sha256(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+@pytest.mark.parametrize("kind", ["link", "broken link", "pipe", "device"])
+def test_what_is_no_regular_file_is_not_written_over(kind: str, tmp_path: Path) -> None:
+    path, target = tmp_path / "a.json", tmp_path / "target"
+    target.write_text("old")
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path = Path("/dev/null")
+    else:
+        path.symlink_to(target if kind == "link" else tmp_path / "absent")
+    before = path.lstat()
+    with pytest.raises(ResultError, match=f"cannot write {path}: it is no regular file"):
+        write_json(path, {})
+    assert path.lstat() == before and target.read_text() == "old"
+    assert {p.name for p in tmp_path.iterdir()} <= {"a.json", "target"}
+
+
+def test_what_is_removed_is_gone_and_what_is_not_there_may_be_removed(tmp_path: Path) -> None:
+    write_json(tmp_path / "a.json", 1)
+    for _ in range(2):
+        remove(tmp_path / "a.json")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_kinds_of_arrays_may_be_asked_for(archive: Path) -> None:
+    kinds = {"x": "f8", "n": "i8", "name": "U"}
+    assert set(read_arrays(archive, KIND, kinds)) == set(kinds)
+    for name, kind in (("x", "f4"), ("n", "f8"), ("name", "i8"), ("x", "U")):
+        with pytest.raises(ResultError, match=f"{name} holds .*, not {kind}"):
+            read_arrays(archive, KIND, kinds | {name: kind})
+
+
+def test_infinite_numbers_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("step,return\n1,inf\n")
+    with pytest.raises(ResultError, match="infinite numbers in the columns return"):
+        read_table(tmp_path / "a.csv", ("step",), numbers=("step", "return"))
+    (tmp_path / "a.json").write_text('{"return": 1e999}')
+    with pytest.raises(ResultError, match="too large a number"):
+        read_json(tmp_path / "a.json")

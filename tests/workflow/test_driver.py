@@ -1,6 +1,7 @@
 """The driver: what it refuses, what it sets up, its lock."""
 
 import fcntl
+import os
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from srlrepro.storage.files import ResultError
 from workflow import driver
 
 ROOT = Path(__file__).parents[2]
@@ -78,6 +80,18 @@ def test_a_second_driver_leaves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with driver.only_one():
         pass
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
+def test_a_forged_lock_is_refused(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock, target = tmp_path / "results" / ".lock", tmp_path / "target"
+    lock.parent.mkdir()
+    target.write_text("kept")
+    {"link": lambda: lock.symlink_to(target), "pipe": lambda: os.mkfifo(lock), "folder": lock.mkdir}[kind]()
+    monkeypatch.setattr(driver, "ROOT", tmp_path)
+    with pytest.raises(ResultError, match=r"cannot write .*\.lock: it is"), driver.only_one():
+        pass
+    assert target.read_text() == "kept"
 
 
 @pytest.mark.parametrize(
