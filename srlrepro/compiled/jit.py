@@ -17,7 +17,8 @@ from numba import njit
 # code is kept apart by the sources of everything that is compiled.
 _package = Path(__file__).resolve().parents[1]
 _texts = (path.read_bytes() for path in sorted(_package.rglob("*.py")))
-_sources = b"".join(text for text in _texts if b"@jit" in text or b"@intrinsic" in text)
+_marks = b"@jit", b"@inner", b"@intrinsic"
+_sources = b"".join(text for text in _texts if any(mark in text for mark in _marks))
 _kept = Path(os.environ.get("NUMBA_CACHE_DIR") or _package / "__pycache__")
 _name = f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
 numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
@@ -27,4 +28,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def jit(function: Function) -> Function:
     """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
-    return cast(Function, njit(cache=True, error_model="numpy")(function))
+    return cast(Function, njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)(function))
+
+
+def inner(function: Function) -> Function:
+    """`jit` for a kernel that only compiled code calls: without the wrapper by which Python would call it.
+
+    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels.
+    """
+    values = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+    return cast(Function, njit(cache=True, **values)(function))
