@@ -25,8 +25,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
-from scipy.signal import cont2discrete
+from scipy.linalg import expm, solve_discrete_are
 
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
@@ -88,8 +87,10 @@ class LQG:
     def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
         """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
         a, b = system.linearize()
-        a, b, *_ = cont2discrete((a, b, np.eye(6), np.zeros((6, 3))), self.control_period)
-        return a, b
+        n, inputs = b.shape
+        held = np.vstack([np.hstack([a, b]), np.zeros((inputs, n + inputs))])  # d/dt of (x, u)
+        sampled = expm(self.control_period * held)[:n]
+        return sampled[:, :n], sampled[:, n:]
 
     @cached_property
     def model(self) -> tuple[Floats, Floats]:

@@ -6,6 +6,8 @@ stock PPO takes them from, in the same order: the same seed gives the run of sto
 """
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,12 +34,35 @@ from srlrepro.fast_ppo.update import STATISTICS, Loss, Samples, update
 from srlrepro.settings.fields import check
 from srlrepro.supervisor import STOCK
 
+EXEMPT = ("add_param_group", "state_dict", "load_state_dict")
+KEPT_BY_TORCH = "__dynamo_disable"
+
 
 def is_uncompiled(kernel: Any) -> bool:
     """Whether numba has never compiled a kernel, in this process or in one that kept it on disk."""
     if kernel.signatures:
         return False
     return not any(Path(kernel.stats.cache_path).glob(f"*.{kernel.__qualname__}-*.nbi"))
+
+
+@contextmanager
+def no_compiler_of_torch() -> Iterator[None]:
+    """Let optimisers be made, read and written without torch's compiler.
+
+    Some methods of torch's optimisers import it at their first call, to exempt themselves from compilation.
+    The import takes a second, longer than a whole update, and nothing here is compiled by torch. The
+    attribute is where torch keeps the exempted method; it is taken away again for users of the compiler.
+    """
+    methods = [getattr(torch.optim.Optimizer, name) for name in EXEMPT]
+    originals = [m.__wrapped__ for m in methods if hasattr(m, "__wrapped__")]
+    fresh = [m for m in originals if not hasattr(m, KEPT_BY_TORCH)]
+    for method in fresh:
+        setattr(method, KEPT_BY_TORCH, method)
+    try:
+        yield
+    finally:
+        for method in fresh:
+            delattr(method, KEPT_BY_TORCH)
 
 
 class CompiledPPO(PPO):
@@ -71,7 +96,8 @@ class CompiledPPO(PPO):
         super().__init__(policy, env, **values)
 
     def _setup_model(self) -> None:
-        super()._setup_model()
+        with no_compiler_of_torch():
+            super()._setup_model()
         self._refuse_what_is_not_covered()
         if self.env is not None:
             _ = Stack.of(self.env).supervision
@@ -100,6 +126,16 @@ class CompiledPPO(PPO):
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_views"]
+
+    def get_parameters(self) -> dict[str, Any]:
+        """Those of stock PPO, by name: of the policy and of its optimiser."""
+        with no_compiler_of_torch():
+            return super().get_parameters()
+
+    def set_parameters(self, *values: Any, **named: Any) -> None:
+        """What stock PPO does with the same arguments."""
+        with no_compiler_of_torch():
+            super().set_parameters(*values, **named)
 
     def views(self) -> Views:
         """The policy's numbers as arrays; made anew if something has moved them, as `load` does."""

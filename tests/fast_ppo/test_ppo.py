@@ -1,5 +1,7 @@
 """The compiled learner is stable-baselines3's PPO: the same buffers, the same updates, the same refusals."""
 
+import subprocess
+import sys
 import time
 from copy import deepcopy
 from pathlib import Path
@@ -327,6 +329,26 @@ def test_other_environments_are_refused() -> None:
     assert isinstance(env, Supervisor)
     with pytest.raises(ParameterError, match="must be a hypothesis that compiled code knows"):
         make_learner(env, CONFIG, 0).learn(64)
+
+
+SPARING = """
+import io, sys
+from stable_baselines3 import PPO
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.fast_ppo.ppo import CompiledPPO
+file, values = io.BytesIO(), {"n_steps": 64, "batch_size": 16, "device": "cpu"}
+CompiledPPO("MlpPolicy", ThreeLinkCircleEnv(), **values).learn(64).save(file)
+CompiledPPO.load(file, env=ThreeLinkCircleEnv(), device="cpu").learn(64)
+print("torch._dynamo" in sys.modules)
+PPO("MlpPolicy", ThreeLinkCircleEnv(), **values)
+print("torch._dynamo" in sys.modules)
+"""
+
+
+@pytest.mark.slow
+def test_a_training_does_without_torchs_compiler_and_leaves_it_to_others() -> None:
+    found = subprocess.run([sys.executable, "-c", SPARING], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["False", "True"]
 
 
 @pytest.mark.slow
