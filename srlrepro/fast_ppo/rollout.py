@@ -53,7 +53,7 @@ class Steps(NamedTuple):
     @property
     def dones(self) -> NDArray[np.bool_]:
         """[N] whether the step ended a trial."""
-        return (self.ended != 0) | (self.recoveries != 0)
+        return np.asarray((self.ended != 0) | (self.recoveries != 0), np.bool_)
 
 
 @inner

@@ -62,6 +62,7 @@ def tell(callback: BaseCallback, steps: Steps, trials: list[tuple[int, Info]]) -
 
 
 def _codes(steps: Steps) -> tuple[Integers, ...]:
+    """What ended a trial, whether it was cut off, the outcome of K and its control periods, each [N]."""
     return steps.ended, steps.cut_off, steps.recoveries, steps.recovery_periods
 
 
@@ -133,21 +134,23 @@ class Stack:
         for n, row in enumerate(rows):
             self.monitor.rewards.append(rewards[n])
             self.monitor.total_steps += 1
-            yield self._info(*row, steps.reached[n])
+            yield self._info(row, steps.reached[n])
 
     def trials(self, steps: Steps) -> list[tuple[int, Info]]:
         """(n, ``info``) of every step n that ended a trial; the books are those that `infos` leaves."""
         rewards, told, first = steps.rewards.tolist(), [], 0
         for n in np.flatnonzero(steps.dones).tolist():
             self.monitor.rewards += rewards[first : n + 1]
-            told.append((n, self._info(*(int(column[n]) for column in _codes(steps)), steps.reached[n])))
+            codes = tuple(int(column[n]) for column in _codes(steps))
+            told.append((n, self._info(codes, steps.reached[n])))
             first = n + 1
         self.monitor.rewards += rewards[first:]
         self.monitor.total_steps += len(rewards)
         return told
 
-    def _info(self, end: int, cut_off: int, recovery: int, periods: int, reached: Singles) -> Info:
-        """Of the last step that the Monitor knows; ``periods``: of K; reached: observation [8]."""
+    def _info(self, codes: tuple[int, ...], reached: Singles) -> Info:
+        """Of the last step that the Monitor knows; codes: see `_codes`; reached: observation."""
+        end, cut_off, recovery, periods = codes
         by_wrapper = end == TIME_OVER and len(self.monitor.rewards) < self.task.arrays.periods
         info: Info = {"outcome": "" if by_wrapper else ENDS[end]}
         if self.supervisor is not None:
