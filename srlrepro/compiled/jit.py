@@ -25,14 +25,14 @@ numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-
 # What numba's own type hints leave out. Nothing takes the address of a kernel as a C function's.
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_INNER = _OPTIONS | {"no_cpython_wrapper": True}
 
 
 def jit(function: Function) -> Function:
     """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
-    return cast(Function, njit(**_OPTIONS)(function))
+    return cast(Function, njit(function, **_OPTIONS))
 
 
 def inner(function: Function) -> Function:
@@ -40,4 +40,4 @@ def inner(function: Function) -> Function:
 
     The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels.
     """
-    return cast(Function, njit(**_OPTIONS, no_cpython_wrapper=True)(function))
+    return cast(Function, njit(function, **_INNER))
