@@ -64,9 +64,6 @@ def label(arguments: argparse.Namespace) -> None:
 
 def _region(arguments: argparse.Namespace, alpha: float | None, config: Config) -> Any:
     """The region of a run, from its file; None without a supervisor."""
-    from srlrepro.region.safe_region import SafeRegion
-    from srlrepro.storage.made_of import require_made_of
-
     kind, file = config.choices.hypothesis, arguments.region
     others = "tsne here; ./reproduce.sh --hypotheses trains under the others"
     check(kind == "tsne", "hypothesis", kind, others)
@@ -74,6 +71,9 @@ def _region(arguments: argparse.Namespace, alpha: float | None, config: Config) 
         check(file is None, "--region", file, "left out with --alpha none")
         return None
     check(file is not None, "--region", file, "given, unless --alpha is none")
+    from srlrepro.region.safe_region import SafeRegion
+    from srlrepro.storage.made_of import require_made_of
+
     region = SafeRegion.load(file)
     require_made_of(region.made_of_, config, "region", where=file, alpha=alpha)
     return region

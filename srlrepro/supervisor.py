@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import NOT_RECOVERED, OUTCOMES, ClosedLoop, Rollouts, recover
 from srlrepro.dynamics.lqg import LQG, Gains
@@ -46,7 +46,7 @@ class Supervision(NamedTuple):
 UNSUPERVISED = Supervision(False, Posterior(), 0.0, True, NO_GAINS, 0, True)
 
 
-@jit
+@inner
 def supervise(supervision: Supervision, task: Task, x: Floats, ended: int) -> tuple[int, int]:
     """Eq. (6) after a control period of π, at x [6]; ended: what `advance` says of the trial.
 

@@ -17,14 +17,27 @@ from numba import njit
 # code is kept apart by the sources of everything that is compiled.
 _package = Path(__file__).resolve().parents[1]
 _texts = (path.read_bytes() for path in sorted(_package.rglob("*.py")))
-_sources = b"".join(text for text in _texts if b"@jit" in text or b"@intrinsic" in text)
+_marks = b"@jit", b"@inner", b"@intrinsic"
+_sources = b"".join(text for text in _texts if any(mark in text for mark in _marks))
 _kept = Path(os.environ.get("NUMBA_CACHE_DIR") or _package / "__pycache__")
 _name = f"numba-{hashlib.sha256(_sources).hexdigest()[:12]}"
 numba.config.CACHE_DIR = str(_kept / _name)  # type: ignore[attr-defined]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+# What numba's own type hints leave out. Nothing takes the address of a kernel as a C function's.
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_INNER = _OPTIONS | {"no_cpython_wrapper": True}
+
 
 def jit(function: Function) -> Function:
     """Compile with numba, cached on disk; a division by zero gives infinity, so that loops vectorise."""
-    return cast(Function, njit(cache=True, error_model="numpy")(function))
+    return cast(Function, njit(function, **_OPTIONS))
+
+
+def inner(function: Function) -> Function:
+    """`jit` for a kernel that only compiled code calls: without the wrapper by which Python would call it.
+
+    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels.
+    """
+    return cast(Function, njit(function, **_INNER))

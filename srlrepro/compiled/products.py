@@ -223,8 +223,9 @@ def transpose(a: Reals, out: Reals) -> None:
     for i in range(0, rows, SQUARE):
         for j in range(0, columns, SQUARE):
             _turn(a, out, i, j)  # type: ignore[call-arg]
-    out[columns:] = a[:, columns:].T
-    out[:columns, rows:] = a[rows:, :columns].T
+    for i in range(a.shape[0]):
+        for j in range(columns if i < rows else 0, a.shape[1]):
+            out[j, i] = a[i, j]
 
 
 @intrinsic

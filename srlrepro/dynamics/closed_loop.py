@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.lqg import LQG, Gains, lqg_update
 from srlrepro.dynamics.pendulum import (
     Coefficients,
@@ -87,7 +87,7 @@ def is_upright(limits: Limits, state: State) -> bool:
     return near and abs(state[3]) <= rate and abs(state[4]) <= rate and abs(state[5]) <= rate
 
 
-@jit
+@inner
 def recover(
     coefficients: Coefficients, gains: Gains, limits: Limits, periods: int, x: Floats, path: Floats
 ) -> tuple[int, int]:
@@ -108,7 +108,8 @@ def recover(
     while True:
         y[0], y[1], y[2], y[3], y[4], y[5] = state
         if record:
-            path[t] = y
+            for j in range(6):
+                path[t, j] = y[j]
         if outcome == 0 and is_upright(limits, state):
             outcome = RECOVERED
         if outcome == 0 and t == periods:
@@ -118,8 +119,9 @@ def recover(
         lqg_update(gains, xbar, y, u)
         state, outcome = hold_torque(coefficients, limits, state, (u[0], u[1], u[2]))
         t += 1
-    if record:
-        path[t + 1 :] = y
+    for later in range(t + 1, path.shape[0]):
+        for j in range(6):
+            path[later, j] = y[j]
     return outcome, t
 
 

@@ -29,7 +29,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import check_delta
 from srlrepro.settings.config import check_parameters
@@ -74,7 +74,7 @@ def derivative(c: Coefficients, x: State, u: Torque) -> State:
     return (x[3], x[4], x[5], a1, a2 - a1, a3 - a2)
 
 
-@jit
+@inner
 def _move(x: State, h: float, dx: State) -> State:
     """x + h dx, on 6-tuples."""
     angle1, angle2, angle3 = x[0] + h * dx[0], x[1] + h * dx[1], x[2] + h * dx[2]

@@ -17,7 +17,7 @@ from numpy.polynomial.polynomial import polyadd, polymulx
 from numpy.typing import NDArray
 
 from srlrepro.compiled.arithmetic import fma
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.compiled.products import product, product_transposed, transpose
 
 Reals = NDArray[np.floating[Any]]
@@ -121,7 +121,7 @@ def tanh(x: Reals) -> None:
         x[i] = np.tanh(x[i]) if x.itemsize == 8 else _fraction(np.float32(x[i]))
 
 
-@jit
+@inner
 def _finish(sums: Reals, bias: Reals, hidden: bool) -> None:
     """Replace sums [units, B] by sums + bias, bias [units], and that by its tanh in a hidden layer."""
     for i in range(sums.shape[0]):

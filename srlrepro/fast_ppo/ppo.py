@@ -26,7 +26,7 @@ from torch import nn
 
 from srlrepro.fast_ppo.network import Optimizer
 from srlrepro.fast_ppo.rollout import Steps, advantages, blank, collect, values
-from srlrepro.fast_ppo.sb3_bridge import Stack
+from srlrepro.fast_ppo.sb3_bridge import Stack, tell, told_at_once
 from srlrepro.fast_ppo.torch_views import Views, addresses, make_views, without_compiler
 from srlrepro.fast_ppo.update import STATISTICS, Loss, Samples, update
 from srlrepro.settings.fields import check
@@ -35,8 +35,9 @@ from srlrepro.supervisor import STOCK
 
 def is_uncompiled(kernel: Any) -> bool:
     """Whether numba has never compiled a kernel, in this process or in one that kept it on disk."""
-    kept = Path(kernel.stats.cache_path).glob(f"*.{kernel.__qualname__}-*.nbi")
-    return not kernel.signatures and not any(kept)
+    if kernel.signatures:
+        return False
+    return not any(Path(kernel.stats.cache_path).glob(f"*.{kernel.__qualname__}-*.nbi"))
 
 
 class CompiledPPO(PPO):
@@ -44,7 +45,7 @@ class CompiledPPO(PPO):
 
     The environment may come from ``gymnasium.make``. ``save``, ``load``, ``predict``, ``evaluate_policy``,
     the logger and the callbacks work as with stock PPO. But callbacks are told of the steps of a rollout
-    after it is complete:
+    after it is complete; one by one, unless all of them are a `RolloutCallback`:
 
     - ``locals`` hold what stock PPO tells of each step, without the tensors ``obs_tensor``, ``values`` and
       ``log_probs``;
@@ -98,13 +99,18 @@ class CompiledPPO(PPO):
             allowed = f"one that CompiledPPO covers; {STOCK} has them all"
             check(ok, name, getattr(self, name, "of this kind"), allowed)
 
-    def get_parameters(self) -> dict[str, dict[str, Any]]:
-        """As stock PPO."""
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_views"]
+
+    def get_parameters(self) -> dict[str, Any]:
+        """Those of stock PPO, by name: of the policy and of its optimiser."""
         with without_compiler():
             return super().get_parameters()
 
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_views"]
+    def set_parameters(self, *values: Any, **named: Any) -> None:
+        """What stock PPO does with the same arguments."""
+        with without_compiler():
+            super().set_parameters(*values, **named)
 
     def views(self) -> Views:
         """The policy's numbers as arrays; made anew if something has moved them, as `load` does."""
@@ -119,7 +125,7 @@ class CompiledPPO(PPO):
         """Fill the buffer with the current policy's steps; False if a callback has stopped the training."""
         self._refuse_what_is_not_covered()  # settings may have been changed since
         stack = Stack.of(env)
-        if is_uncompiled(update) and (self.verbose or sys.stderr.isatty()):
+        if (self.verbose or sys.stderr.isatty()) and is_uncompiled(update):
             print("compiling for about half a minute, this once", file=sys.stderr)
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
@@ -131,9 +137,12 @@ class CompiledPPO(PPO):
         period = collect(stack.arrays, stack.supervision, policy, noise, x, task.period, steps)
         stack.place(x, period)
         expected = values(learner.critic, learner.critic_passes, steps.observations)
-        dones = (steps.ended != 0) | (steps.recoveries != 0)
-        if not self._tell_callbacks(stack, steps, dones, callback):
+        dones = steps.dones
+        if told_at_once(callback):
+            self._tell_at_once(stack, steps, callback)
+        elif not self._tell_step_by_step(stack, steps, dones, callback):
             return False
+        self._last_obs, self._last_episode_starts = steps.observations[-1:].copy(), dones[-1:].copy()
         rewards = steps.rewards.astype(np.float32)
         cut_off = np.flatnonzero(steps.cut_off)
         left = values(learner.critic, learner.critic_passes, steps.reached[cut_off])
@@ -149,7 +158,14 @@ class CompiledPPO(PPO):
         callback.on_rollout_end()
         return True
 
-    def _tell_callbacks(
+    def _tell_at_once(self, stack: Stack, steps: Steps, callback: BaseCallback) -> None:
+        """Enter a rollout into the books, and show it to callbacks that take all of it."""
+        trials = stack.trials(steps)
+        self.num_timesteps += len(steps.rewards)
+        self._update_info_buffer([info for _, info in trials])
+        tell(callback, steps, trials)
+
+    def _tell_step_by_step(
         self, stack: Stack, steps: Steps, dones: NDArray[np.bool_], callback: BaseCallback
     ) -> bool:
         """Show every step to the callbacks; if one says stop, all stands where it stood after that step."""
@@ -168,7 +184,6 @@ class CompiledPPO(PPO):
                 return False
             if done[0]:
                 self._update_info_buffer([info], done)
-        self._last_obs, self._last_episode_starts = steps.observations[-1:].copy(), dones[-1:].copy()
         return True
 
     def train(self) -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
 from srlrepro.dynamics.pendulum import Floats, as_state
 from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, Single, forward, forward_one, turn
@@ -50,11 +50,23 @@ class Steps(NamedTuple):
     recoveries: Integers
     recovery_periods: Integers
 
+    @property
+    def dones(self) -> NDArray[np.bool_]:
+        """[N] whether the step ended a trial."""
+        return np.asarray((self.ended != 0) | (self.recoveries != 0), np.bool_)
 
-@jit
+
+@inner
+def _copy(a: Reals, out: Reals) -> None:
+    """``out[:] = a`` of one size: numba compiles a loop in a fraction of the time."""
+    for i in range(a.size):
+        out[i] = a[i]
+
+
+@inner
 def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) -> np.float32:
     """Write a = μ(o) + σ ε, and return log π(a|o)."""
-    policy.single.rows[0][0] = observation
+    _copy(observation, policy.single.rows[0][0])
     forward_one(policy.single)
     means, log_prob = policy.single.rows[-1][0], 0.0
     for j in range(action.size):
@@ -80,7 +92,8 @@ def collect(
     observation = np.empty(8, np.float32)
     observe(task, as_state(x), period, observation)
     for n in range(noise.shape[0]):
-        steps.observations[n], steps.episode_starts[n] = observation, period == 0
+        _copy(observation, steps.observations[n])
+        steps.episode_starts[n] = period == 0
         action = steps.actions[n]
         steps.log_probs[n] = _act(policy, observation, noise[n], action)
         torque = (np.float64(action[0]), np.float64(action[1]), np.float64(action[2]))
@@ -91,12 +104,13 @@ def collect(
         steps.recoveries[n], steps.recovery_periods[n] = recovery, duration
         steps.cut_off[n] = ended == TIME_OVER if recovery == 0 else not supervision.terminates
         observe(task, state, period, observation)
-        steps.reached[n], steps.states[n], steps.ended[n] = observation, x, ended
-        steps.rewards[n] = reward
+        _copy(observation, steps.reached[n])
+        _copy(x, steps.states[n])
+        steps.rewards[n], steps.ended[n] = reward, ended
         if ended != 0 or recovery != 0:
             x[:], period = 0.0, 0
             observe(task, as_state(x), period, observation)
-    steps.observations[noise.shape[0]] = observation
+    _copy(observation, steps.observations[noise.shape[0]])
     return period
 
 
@@ -115,9 +129,12 @@ def values(critic: Network, memory: Passes, observations: Singles) -> Singles:
     batch, out = memory.output.shape[1], np.empty(len(observations), np.float32)
     for start in range(0, out.size, batch):
         count = min(batch, out.size - start)
-        memory.inputs[0][:, :count] = observations[start : start + count].T
+        for n in range(count):
+            for j in range(observations.shape[1]):
+                memory.inputs[0][j, n] = observations[start + n, j]
         forward(critic, memory)
-        out[start : start + count] = memory.output[0, :count]
+        for n in range(count):
+            out[start + n] = memory.output[0, n]
     return out
 
 

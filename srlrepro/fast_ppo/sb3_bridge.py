@@ -1,4 +1,4 @@
-"""A compiled rollout told to the gymnasium objects and the callbacks of stable-baselines3, step by step."""
+"""A compiled rollout told to the gymnasium objects and the callbacks of stable-baselines3."""
 
 import time
 from collections.abc import Iterator
@@ -8,15 +8,62 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from srlrepro.dynamics.circle_env import ENDS, TIME_OVER, Task, ThreeLinkCircleEnv
+from srlrepro.fast_ppo.network import Integers
 from srlrepro.fast_ppo.rollout import Steps
 from srlrepro.settings.fields import ParameterError
-from srlrepro.supervisor import QUIET, RECOVERIES, STOCK, SUPERVISED, UNSUPERVISED, Supervision, Supervisor
+from srlrepro.supervisor import (
+    QUIET,
+    RECOVERIES,
+    STOCK,
+    SUPERVISED,
+    UNSUPERVISED,
+    Info,
+    Singles,
+    Supervision,
+    Supervisor,
+)
 
 MADE_BY_GYMNASIUM = (OrderEnforcing, PassiveEnvChecker, TimeLimit)  # the wrappers that `gymnasium.make` adds
+
+
+class RolloutCallback(BaseCallback):
+    """A callback that can be told of all steps of a rollout at once.
+
+    `CompiledPPO` does so if no other callback is there, as telling step by step takes longer than a step.
+    What ``_on_step`` would have done, ``_on_steps`` does. It cannot stop the training.
+    """
+
+    def _on_steps(self, steps: Steps, trials: list[tuple[int, Info]]) -> None:
+        """Take note of a rollout, whose last step is number ``num_timesteps``; trials: see `Stack.trials`."""
+        raise NotImplementedError
+
+
+def told_at_once(callback: BaseCallback) -> bool:
+    """Whether nothing in a callback, which may be a list, must be told step by step."""
+    if type(callback) is CallbackList:
+        return all(map(told_at_once, callback.callbacks))
+    nobody = type(callback) is ConvertCallback and callback.callback is None
+    return nobody or isinstance(callback, RolloutCallback)
+
+
+def tell(callback: BaseCallback, steps: Steps, trials: list[tuple[int, Info]]) -> None:
+    """Tell a callback that is `told_at_once` of a rollout after which the model's step counter stands."""
+    callback.n_calls += len(steps.rewards)
+    callback.num_timesteps = callback.model.num_timesteps
+    if isinstance(callback, RolloutCallback):
+        callback._on_steps(steps, trials)
+    for inner in callback.callbacks if isinstance(callback, CallbackList) else []:
+        tell(inner, steps, trials)
+
+
+def _codes(steps: Steps) -> tuple[Integers, ...]:
+    """What ended a trial, whether it was cut off, the outcome of K and its control periods, each [N]."""
+    return steps.ended, steps.cut_off, steps.recoveries, steps.recovery_periods
 
 
 @dataclass(frozen=True)
@@ -77,31 +124,48 @@ class Stack:
         period = len(self.monitor.rewards)
         self.place(steps.states[n] if period else np.zeros(6), period)
 
-    def infos(self, steps: Steps) -> Iterator[dict[str, Any]]:
+    def infos(self, steps: Steps) -> Iterator[Info]:
         """``info`` of every step, as the wrappers and the vectorised environment would have put it together.
 
-        Trials are entered into the Monitor's books on the way.
+        Steps and trials are entered into the Monitor's books on the way.
         """
-        monitor, dt = self.monitor, self.task.rule.control_period
-        columns = (steps.rewards, steps.ended, steps.cut_off, steps.recoveries, steps.recovery_periods)
-        rows = enumerate(zip(*(column.tolist() for column in columns), strict=True))
-        for n, (reward, end, cut_off, recovery, periods) in rows:
-            monitor.rewards.append(reward)
-            monitor.total_steps += 1
-            by_wrapper = end == TIME_OVER and len(monitor.rewards) < self.task.arrays.periods
-            info: dict[str, Any] = {"outcome": "" if by_wrapper else ENDS[end]}
-            if self.supervisor is not None:
-                info |= QUIET
-            if recovery:
-                info |= {"activated": True, "recovery": RECOVERIES[recovery], "recovery_time": periods * dt}
-                info["outcome"] = SUPERVISED
-            info["TimeLimit.truncated"] = bool(cut_off)
-            if end or recovery:
-                info["terminal_observation"] = steps.reached[n]
-                info["episode"] = self._episode(info)
-            yield info
+        rewards = steps.rewards.tolist()
+        rows = zip(*(column.tolist() for column in _codes(steps)), strict=True)
+        for n, row in enumerate(rows):
+            self.monitor.rewards.append(rewards[n])
+            self.monitor.total_steps += 1
+            yield self._info(row, steps.reached[n])
 
-    def _episode(self, info: dict[str, Any]) -> dict[str, Any]:
+    def trials(self, steps: Steps) -> list[tuple[int, Info]]:
+        """(n, ``info``) of every step n that ended a trial; the books are those that `infos` leaves."""
+        rewards, told, first = steps.rewards.tolist(), [], 0
+        for n in np.flatnonzero(steps.dones).tolist():
+            self.monitor.rewards += rewards[first : n + 1]
+            codes = tuple(int(column[n]) for column in _codes(steps))
+            told.append((n, self._info(codes, steps.reached[n])))
+            first = n + 1
+        self.monitor.rewards += rewards[first:]
+        self.monitor.total_steps += len(rewards)
+        return told
+
+    def _info(self, codes: tuple[int, ...], reached: Singles) -> Info:
+        """Of the last step that the Monitor knows; codes: see `_codes`; reached: observation."""
+        end, cut_off, recovery, periods = codes
+        by_wrapper = end == TIME_OVER and len(self.monitor.rewards) < self.task.arrays.periods
+        info: Info = {"outcome": "" if by_wrapper else ENDS[end]}
+        if self.supervisor is not None:
+            info |= QUIET
+        if recovery:
+            duration = periods * self.task.rule.control_period
+            info |= {"activated": True, "recovery": RECOVERIES[recovery], "recovery_time": duration}
+            info["outcome"] = SUPERVISED
+        info["TimeLimit.truncated"] = bool(cut_off)
+        if end or recovery:
+            info["terminal_observation"] = reached
+            info["episode"] = self._episode(info)
+        return info
+
+    def _episode(self, info: Info) -> Info:
         """What the Monitor says of a trial that has ended; it is ready for the next one."""
         monitor = self.monitor
         total, length, passed = sum(monitor.rewards), len(monitor.rewards), time.time() - monitor.t_start

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.compiled.products import square_sum
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.fast_ppo.network import Integers, Network, Optimizer, Passes, Reals, adam, backward, forward
@@ -66,7 +66,7 @@ class Loss(NamedTuple):
     normalize_advantage: bool
 
 
-@jit
+@inner
 def loss_gradient(
     learner: Learner, samples: Samples, index: Integers, loss: Loss, statistics: Floats
 ) -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import pandas as pd
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
+from srlrepro.fast_ppo.rollout import Steps
+from srlrepro.fast_ppo.sb3_bridge import RolloutCallback
 from srlrepro.learner.checkpoint import Progress, save
 from srlrepro.storage.files import ResultError
-from srlrepro.supervisor import QUIET
+from srlrepro.supervisor import QUIET, Info
 
 Kept = tuple[Path, int, dict[str, Any]]
 Report = Callable[[str], None]
@@ -32,7 +33,7 @@ def require_finite(model: BaseAlgorithm) -> None:
             )
 
 
-class Recorder(BaseCallback):
+class Recorder(RolloutCallback):
     """Collects the trials and visited states of a training, shows progress and writes checkpoints.
 
     Args:
@@ -70,12 +71,23 @@ class Recorder(BaseCallback):
         for info, observation in zip(self.locals["infos"], self.locals["new_obs"], strict=True):
             if self.num_timesteps % self.stride == 0:
                 reached = info.get("terminal_observation", observation)
-                self.progress.visited.append(reached[:6] * self.scale)
+                self.progress.visited.append(reached[: self.scale.size] * self.scale)
             if "episode" in info:
-                total, length = info["episode"]["r"], info["episode"]["l"]
-                trial = QUIET | info | {"step": self.num_timesteps, "length": length, "return": total}
-                self.progress.trials.append({name: trial[name] for name in TRIAL_COLUMNS})
+                self._record(info, self.num_timesteps)
         return True
+
+    def _on_steps(self, steps: Steps, trials: list[tuple[int, Info]]) -> None:
+        first = self.num_timesteps - len(steps.rewards) + 1  # the number of the rollout's first step
+        kept = steps.reached[-first % self.stride :: self.stride, : self.scale.size]
+        self.progress.visited.extend(kept * self.scale)
+        for n, info in trials:
+            self._record(info, first + n)
+
+    def _record(self, info: Info, step: int) -> None:
+        """A trial that ended at a step; ``info``: of that step."""
+        total, length = info["episode"]["r"], info["episode"]["l"]
+        trial = QUIET | info | {"step": step, "length": length, "return": total}
+        self.progress.trials.append({name: trial[name] for name in TRIAL_COLUMNS})
 
     def _on_rollout_end(self) -> None:
         first, tenth = self.reached, max(1, self.steps // 10)

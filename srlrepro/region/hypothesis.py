@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Loop, recover
 from srlrepro.dynamics.lqg import Gains
 from srlrepro.dynamics.pendulum import Floats
@@ -45,7 +45,7 @@ class Posterior(NamedTuple):
     loop: Loop = NO_LOOP  # of the system that `LOOP` simulates
 
 
-@jit
+@inner
 def safe_probability(posterior: Posterior, x: Floats) -> float:
     """P(l(x) = 1) of one state x [6]."""
     kind, region = posterior.kind, posterior.region
@@ -63,7 +63,12 @@ def safe_probability(posterior: Posterior, x: Floats) -> float:
     if kind == NETWORK:
         features = np.tanh(np.dot(posterior.rows, s) + posterior.offsets)
     else:
-        features = np.exp(-posterior.width * ((posterior.rows - s) ** 2).sum(axis=1))
+        features = np.empty(len(posterior.rows))
+        for i in range(features.size):
+            squared = 0.0
+            for j in range(s.size):
+                squared += (posterior.rows[i, j] - s[j]) ** 2
+            features[i] = np.exp(-posterior.width * squared)
     return float(1.0 / (1.0 + np.exp(-np.dot(posterior.weights, features) - posterior.bias)))
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from srlrepro.compiled.jit import jit
+from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.pendulum import Floats, as_state
 
 FAR = 1e6  # half ranges: beyond, all training states are equally far away
 
 
-@jit
+@inner
 def _rank(numbers: Floats, count: int, j: int) -> int:
     """How many of the first ``count`` numbers come before the j-th in order; equal ones keep their order."""
     rank = 0

@@ -331,6 +331,26 @@ def test_other_environments_are_refused() -> None:
         make_learner(env, CONFIG, 0).learn(64)
 
 
+SPARING = """
+import io, sys
+from stable_baselines3 import PPO
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.fast_ppo.ppo import CompiledPPO
+file, values = io.BytesIO(), {"n_steps": 64, "batch_size": 16, "device": "cpu"}
+CompiledPPO("MlpPolicy", ThreeLinkCircleEnv(), **values).learn(64).save(file)
+CompiledPPO.load(file, env=ThreeLinkCircleEnv(), device="cpu").learn(64)
+print("torch._dynamo" in sys.modules)
+PPO("MlpPolicy", ThreeLinkCircleEnv(), **values)
+print("torch._dynamo" in sys.modules)
+"""
+
+
+@pytest.mark.slow
+def test_a_training_does_without_torchs_compiler_and_leaves_it_to_others() -> None:
+    found = subprocess.run([sys.executable, "-c", SPARING], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["False", "True"]
+
+
 @pytest.mark.slow
 def test_an_update_is_many_times_faster_than_stocks() -> None:
     """A loose bound for a busy machine; ``python -m benchmarks`` measures it well."""

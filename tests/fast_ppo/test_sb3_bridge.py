@@ -12,7 +12,7 @@ import pytest
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RescaleAction, TimeLimit
 from runs import CONFIG, SUPERVISED, UPDATE, Witness, agree, close, learn, narrow_region
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import CallbackList, CheckpointCallback, EvalCallback
+from stable_baselines3.common.callbacks import CallbackList, CheckpointCallback, ConvertCallback, EvalCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor, load_results
 
@@ -21,6 +21,8 @@ from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo import ppo
 from srlrepro.fast_ppo.ppo import CompiledPPO, is_uncompiled
+from srlrepro.fast_ppo.rollout import Steps
+from srlrepro.fast_ppo.sb3_bridge import RolloutCallback, told_at_once
 from srlrepro.settings.fields import ParameterError
 from srlrepro.supervisor import Supervisor
 
@@ -70,6 +72,64 @@ def test_callbacks_and_monitor_are_told_what_stock_tells(
     for column in ("l", "outcome"):
         assert books[0][column].astype(str).tolist() == books[1][column].astype(str).tolist()
     close(books[0]["r"], books[1]["r"])
+
+
+class Listener(RolloutCallback):
+    """Notes what it is told, step by step or at once; steps by their number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.steps: list[tuple[int, float]] = []
+        self.ends: list[tuple[int, dict[str, Any]]] = []
+
+    def _on_step(self) -> bool:
+        info = self.locals["infos"][0]
+        self.steps.append((self.num_timesteps, float(self.locals["rewards"][0])))
+        if "episode" in info:
+            self.ends.append((self.num_timesteps, info))
+        return True
+
+    def _on_steps(self, steps: Steps, trials: list[tuple[int, dict[str, Any]]]) -> None:
+        first = self.num_timesteps - len(steps.rewards) + 1
+        self.steps += [(first + n, float(np.float32(reward))) for n, reward in enumerate(steps.rewards)]
+        self.ends += [(first + n, info) for n, info in trials]
+
+
+@IN_STACKS
+def test_told_at_once_everyone_knows_what_they_know_step_by_step(
+    build: Callable[[], Environment], tmp_path: Path
+) -> None:
+    """Beside a callback of another kind, all are told step by step."""
+    known = []
+    for others in ([], [Witness()]):
+        folder = tmp_path / str(len(others))
+        env = Monitor(build(), str(folder / "run"), info_keywords=("outcome",))
+        model, listener = learner(CompiledPPO, env), Listener()
+        model.learn(2 * model.n_steps, [listener, *others])
+        assert len(env.episode_times) == len(listener.ends) > 3
+        episodes = [*(info["episode"] for _, info in listener.ends), *model.ep_info_buffer]
+        for episode in episodes:
+            episode.pop("t", None)  # the time of the clock
+        books = load_results(str(folder)).drop(columns="t").to_csv()
+        monitor = env.episode_returns, env.episode_lengths, env.rewards, env.total_steps
+        ends = [(n, {k: np.asarray(v).tolist() for k, v in info.items()}) for n, info in listener.ends]
+        counts = listener.n_calls, listener.num_timesteps, model.num_timesteps
+        known.append((listener.steps, ends, episodes, books, monitor, counts))
+    assert known[0] == known[1]
+    assert known[0][-1] == (2 * model.n_steps,) * 3
+
+
+def test_one_callback_that_must_be_told_step_by_step_is_enough() -> None:
+    at_once, by_step = Listener(), Witness()
+    for callback, expected in (
+        (at_once, True),
+        (by_step, False),
+        (ConvertCallback(None), True),
+        (ConvertCallback(lambda *_: True), False),
+        (CallbackList([at_once, CallbackList([Listener()])]), True),
+        (CallbackList([at_once, CallbackList([by_step])]), False),
+    ):
+        assert told_at_once(callback) is expected
 
 
 @pytest.mark.parametrize("name", STACKS)

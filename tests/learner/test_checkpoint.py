@@ -4,6 +4,7 @@ import random
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,16 +27,20 @@ FREE = CASES[0]
 
 def interrupt(case: Case, folder: Path, steps: int) -> Path:
     """Train for a number of steps, with a checkpoint after every update; returns the last checkpoint."""
-    file, taken, look = folder / "checkpoint.zip", [0], Recorder._on_step
+    file, taken = folder / "checkpoint.zip", [0]
 
-    def stopping_look(recorder: Recorder) -> bool:
-        taken[0] += 1
-        if taken[0] > steps:
-            raise KeyboardInterrupt
-        return look(recorder)
+    def stopping(look: Callable[..., Any]) -> Callable[..., Any]:
+        def stopping_look(recorder: Recorder, *told: Any) -> Any:
+            taken[0] += len(told[0].rewards) if told else 1
+            if taken[0] > steps:
+                raise KeyboardInterrupt
+            return look(recorder, *told)
+
+        return stopping_look
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Recorder, "_on_step", stopping_look)
+        for name in ("_on_step", "_on_steps"):
+            patch.setattr(Recorder, name, stopping(getattr(Recorder, name)))
         with pytest.raises(KeyboardInterrupt):
             case.train(folder, file)
     return file
@@ -74,13 +79,13 @@ from pathlib import Path
 sys.path.insert(0, {tests!r})
 from runs import CASES
 from srlrepro.learner.recording import Recorder
-look, steps = Recorder._on_step, []
-def deadly(recorder):
-    steps.append(0)
-    if len(steps) == {at}:
+look, taken = Recorder._on_steps, [0]
+def deadly(recorder, steps, trials):
+    taken[0] += len(steps.rewards)
+    if taken[0] >= {at}:
         os.kill(os.getpid(), signal.SIGKILL)
-    return look(recorder)
-Recorder._on_step = deadly
+    return look(recorder, steps, trials)
+Recorder._on_steps = deadly
 CASES[0].train(Path({folder!r}), Path({folder!r}) / "checkpoint.zip")
 """
 

@@ -31,9 +31,10 @@ from runs import (
 from stable_baselines3 import PPO
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.fast_ppo import ppo
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
-from srlrepro.learner.recording import TRIAL_COLUMNS, count, learning_curve
+from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, learning_curve
 from srlrepro.learner.training import Run, make_env, make_learner, train
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import Hypothesis
@@ -50,6 +51,22 @@ def test_trained_twice_gives_the_same_numbers(case: Case, whole: dict[str, Path]
     assert products(tmp_path) == products(whole[case.name])
     replace(case, run=replace(case.run, seed=case.run.seed + 1)).train(tmp_path / "other")
     assert products(tmp_path / "other")["visited"] != products(whole[case.name])["visited"]
+
+
+@pytest.mark.parametrize("values", [{}, {"visited_states": 50}, {"early_stop": "truncate"}], ids=str)
+@pytest.mark.parametrize("case", CASES[:2], ids=lambda case: case.name)
+def test_told_at_once_the_recorder_keeps_what_it_keeps_step_by_step(
+    case: Case, values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("_on_step", "_on_steps"):
+        with monkeypatch.context() as patch:
+            patch.setattr(ppo, "told_at_once", lambda _, name=name: name == "_on_steps")
+            other = "_on_steps" if name == "_on_step" else "_on_step"
+            patch.setattr(Recorder, other, lambda *_: pytest.fail("it is told otherwise"))
+            case.train(tmp_path / name, **values)
+    assert products(tmp_path / "_on_steps") == products(tmp_path / "_on_step")
+    kept = [(tmp_path / name / "visited.npz").read_bytes() for name in ("_on_step", "_on_steps")]
+    assert kept[0] == kept[1]
 
 
 @pytest.mark.parametrize("where", ["folder", "checkpoint"])
