@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from srlrepro import pins
 from srlrepro.command_line import Parser, path, run, subcommands
 from srlrepro.settings.fields import check
 
@@ -98,4 +99,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    pins.pin("python -m replication")
     sys.exit(main())

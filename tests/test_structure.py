@@ -13,6 +13,7 @@ from workflow.sources import HOUSES, WITHOUT, closure
 
 ROOT = Path(__file__).parent.parent
 ROOMS = [
+    "pins",
     "settings",
     "storage",
     "compiled",

@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from srlrepro import pins
 from srlrepro.command_line import Parser, path, run, subcommands
 from srlrepro.settings.fields import ParameterError, one_line
 from workflow.command_line import add_limit
@@ -56,4 +57,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    pins.pin("python -m workflow")
     sys.exit(main())

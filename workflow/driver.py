@@ -8,6 +8,7 @@ values.
 import argparse
 import fcntl
 import hashlib
+import json
 import os
 import shutil
 import signal
@@ -21,11 +22,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from srlrepro import pins
 from workflow import ROOT
 from workflow.command_line import make_parser
 
 VENV = ROOT / ".venv"
-THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 
 
 def set_up(names: list[str]) -> None:
@@ -47,6 +48,14 @@ def set_up(names: list[str]) -> None:
         print(f"Installed in {(time.monotonic() - started) / 60:.1f} min", flush=True)
 
 
+def pin_kernels() -> None:
+    """Give the pins to the notebooks' kernel in ``.venv``, so that Jupyter started by hand has them too."""
+    file = VENV / "share" / "jupyter" / "kernels" / "python3" / "kernel.json"
+    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    if found and found.get("env") != pins.pins():
+        file.write_text(json.dumps(found | {"env": pins.pins()}, indent=1), encoding="utf-8")
+
+
 @contextmanager
 def only_one() -> Iterator[IO[str]]:
     """Hold the lock of this checkout; a second driver leaves at once.
@@ -63,8 +72,9 @@ def only_one() -> Iterator[IO[str]]:
 
 
 def environment() -> dict[str, str]:
-    """The variables under which everything runs: one thread a process, and nothing of the user's own."""
-    return os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
+    """The variables under which everything runs: the pins, and nothing of the user's own."""
+    own = {name: value for name, value in os.environ.items() if name != "MATPLOTLIBRC"}
+    return own | pins.pins() | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
 
 
 def run_tests(options: list[str]) -> int:
@@ -103,11 +113,15 @@ def main(arguments: list[str]) -> int:
     parser, options = make_parser(), argparse.Namespace(slurm=False)
     if not test and not site:
         options = parser.parse_args(arguments)
+    pins.pin("reproduce.sh")
     if sys.prefix != str(VENV):
         wanted = "test" if test else "site" if site else "slurm" if options.slurm else ""
         set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "workflow.driver", *arguments])
+    pin_kernels()
+    if not pins.is_covered():
+        print("reproduce.sh: not an x86-64 processor with AVX2 and FMA: last bits of results may differ")
     from srlrepro.settings.fields import ParameterError
     from srlrepro.storage.files import ResultError
     from workflow.engine import run_workflow

@@ -28,7 +28,9 @@ def test_a_command_line_of_the_wrong_form_is_one_line_before_anything_is_install
 ) -> None:
     """On a copy without an environment, with the machine's own Python."""
     shutil.copytree(ROOT / "workflow", tmp_path / "workflow", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "reproduce.sh").write_bytes((ROOT / "reproduce.sh").read_bytes())
+    (tmp_path / "srlrepro").mkdir()
+    for name in ("reproduce.sh", "srlrepro/__init__.py", "srlrepro/pins.py"):
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     before = sorted(tmp_path.rglob("*"))
     done = subprocess.run(["bash", "reproduce.sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2 and message in done.stderr
