@@ -66,7 +66,6 @@ def documents(arguments: argparse.Namespace) -> None:
     if arguments.check:
         documents.check()
     else:
-        documents.keep_times()
         documents.write()
 
 

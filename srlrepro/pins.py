@@ -1,4 +1,4 @@
-"""The pins of the numerical libraries: under them every x86-64 processor with AVX2 and FMA gives the same bits.
+"""The pins of the numerical libraries: the same bits on every x86-64 processor with AVX2 and FMA.
 
 The libraries choose their kernels by the processor, and kernels of another vector width sum in another order.
 What is pinned here takes the kernels that all these processors have. The libraries read the variables as they
@@ -77,12 +77,11 @@ def pin(program: str = "") -> None:
 @cache
 def warn() -> None:
     """Warn, once in a process, if it computes without the pins."""
-    lacking = unpinned()
+    lacking, reason = unpinned(), ""
     if lacking:
-        text = f"last bits may differ from those of other processors: {', '.join(lacking)} not pinned"
-        warnings.warn(
-            f"{text}; call srlrepro.pins.pin() before numpy is loaded", UnpinnedWarning, stacklevel=2
-        )
+        reason = f"{', '.join(lacking)} not pinned; call srlrepro.pins.pin() before numpy is loaded"
     elif not is_covered():
-        text = f"last bits may differ from those of other processors: this one lacks {' or '.join(sorted(NEEDED))}"
+        reason = f"this one has not all of {', '.join(sorted(NEEDED))}"
+    if reason:
+        text = f"last bits may differ from those of other processors: {reason}"
         warnings.warn(text, UnpinnedWarning, stacklevel=2)

@@ -14,7 +14,6 @@ from srlrepro.pins import KERNELS, THREADS
 ROOT = Path(__file__).parent.parent
 NAMES = [*KERNELS, *THREADS]
 BARE = {name: value for name, value in os.environ.items() if name not in NAMES}
-WIDE = "AVX-512 would be taken here without the pins"
 COVERED = pytest.mark.skipif(not pins.is_covered(), reason="not an x86-64 processor with AVX2 and FMA")
 # What the libraries say of themselves, and digests of what they compute.
 ASK = """
@@ -30,11 +29,12 @@ def digest(*arrays):
 
 rng = np.random.default_rng(0)
 single = rng.normal(size=(128, 128)).astype(np.float32)
+pools = threadpoolctl.threadpool_info()
 torch.manual_seed(0)
 drawn = torch.nn.init.orthogonal_(torch.empty(64, 64)).numpy()
 print(json.dumps({
-    "openblas": [i["architecture"] for i in threadpoolctl.threadpool_info() if i["internal_api"] == "openblas"],
-    "threads": [i["num_threads"] for i in threadpoolctl.threadpool_info()],
+    "openblas": [p["architecture"] for p in pools if p["internal_api"] == "openblas"],
+    "threads": [p["num_threads"] for p in pools],
     "dispatched": [name for name in __cpu_dispatch__ if __cpu_features__[name]],
     "torch": torch.backends.cpu.get_cpu_capability(),
     "OPENBLAS_CORETYPE": digest(single @ single.T, scipy.linalg.qr(single)[0]),

@@ -34,6 +34,14 @@ def snapshot(arguments: argparse.Namespace) -> None:
         notebooks.snapshot(notebook)
 
 
+def record(arguments: argparse.Namespace) -> None:
+    """Keep the time that results took here."""
+    from workflow.engine import ROOT, record
+
+    for name in arguments.names:
+        print(f"{record(name).relative_to(ROOT)}; python -m replication documents takes it over")
+
+
 def make_parser() -> argparse.ArgumentParser:
     """The command line."""
     parser = Parser(prog="python -m workflow", description=__doc__, allow_abbrev=False)
@@ -48,6 +56,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "notebooks", type=path, nargs="+", help="in their order: later ones read what earlier ones write"
     )
+    sub = command(
+        "record", record, "Keep the time that results took here in docs/records/, for the documents."
+    )
+    sub.add_argument("names", nargs="+", metavar="NAME", help="of results, such as full or quick; or tests")
     return parser
 
 

@@ -24,7 +24,7 @@ from typing import IO
 
 from srlrepro import pins
 from workflow import ROOT
-from workflow.command_line import make_parser
+from workflow.command_line import TESTS, make_parser
 
 VENV = ROOT / ".venv"
 
@@ -80,7 +80,7 @@ def environment() -> dict[str, str]:
 def run_tests(options: list[str]) -> int:
     """Lint, types and tests; returns the first exit status that is not zero."""
     from srlrepro.storage.files import write_json
-    from workflow.engine import machine
+    from workflow.engine import TIME, machine
 
     started = time.monotonic()
     checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
@@ -90,7 +90,7 @@ def run_tests(options: list[str]) -> int:
     ]
     minutes = (time.monotonic() - started) / 60
     if not any(results) and not options:
-        write_json(ROOT / "results" / "test_time.json", {"minutes": round(minutes, 1), **machine()})
+        write_json(ROOT / "results" / TESTS / TIME, {"minutes": round(minutes, 1), **machine()})
     return next((status for status in results if status), 0)
 
 

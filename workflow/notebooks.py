@@ -244,8 +244,9 @@ def require_undamaged(folders: Iterable[Path], root: Path) -> None:
 
 
 def forget_machine(notebook: Any) -> None:
-    """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
+    """Drop times, versions and papermill's bookkeeping, so that the same results give the same notebook."""
     notebook.metadata.pop("papermill", None)
+    notebook.metadata.get("language_info", {}).pop("version", None)  # of Python, to the last patch
     for cell in notebook.cells:
         cell.metadata.pop("papermill", None)
         cell.metadata.pop("execution", None)
