@@ -15,6 +15,7 @@ from replication.studies import multiverse
 from replication.studies.alternatives import ORACLES
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
+from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import STAGES
@@ -69,6 +70,16 @@ class Facts:
         """Numbers of the package that the documents name."""
         found = {"stated": len(fields(Paper)), "chosen": len(fields(Choices)), "fresh_states": TEST_STATES}
         return found | {"k": Paper.k, "p_t": Paper.p_t, "largest": LARGEST // 2**20, "stages": STAGES}
+
+    @property
+    def pins(self) -> dict[str, str]:
+        """{variable: value} of what is pinned."""
+        return KERNELS | THREADS
+
+    @property
+    def arithmetic(self) -> int:
+        """The number of the arithmetic that results made now rest on."""
+        return ARITHMETIC
 
     def table(self, *place: str) -> list[Row]:
         """The rows of a table of results, or of the records by its name alone; None where a cell is empty."""

@@ -1,7 +1,7 @@
 """Learning a low-dimensional safe region for safe reinforcement learning, on a three-link pendulum.
 
 Importing the package loads nothing else, so that `pins` can be set before numpy is there; its public names
-are loaded when they are first used. The task is then registered with gymnasium, or at once where that is there.
+are loaded when they are first used. The task is then registered with gymnasium, or at once if that is there.
 The rooms, each depending only on those before it: `pins`, `settings`, `storage`, `dynamics`, `samplers`,
 `region`, `supervisor`, `fast_ppo`, `learner`.
 """

@@ -36,7 +36,8 @@ def snapshot(arguments: argparse.Namespace) -> None:
 
 def record(arguments: argparse.Namespace) -> None:
     """Keep the time that results took here."""
-    from workflow.engine import ROOT, record
+    from workflow import ROOT
+    from workflow.engine import record
 
     for name in arguments.names:
         print(f"{record(name).relative_to(ROOT)}; python -m replication documents takes it over")
