@@ -96,6 +96,7 @@ def grid(family: str = "host", long: bool = False, **variables: str) -> dict[str
         CalledProcessError: it failed; its message stands on standard error.
     """
     environment = os.environ | pins() | FAMILIES[family] | variables
+    environment["PYTHONWARNINGS"] = "ignore"  # that a family has another pin
     command = [sys.executable, "-m", "benchmarks.same_bytes", "--child", *([f"--{LONG}"] if long else [])]
     done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, check=True)
     found: dict[str, str] = json.loads(done.stdout)
