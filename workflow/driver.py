@@ -8,7 +8,6 @@ values.
 import argparse
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 import signal
@@ -50,10 +49,12 @@ def set_up(names: list[str]) -> None:
 
 def pin_kernels() -> None:
     """Give the pins to the notebooks' kernel in ``.venv``, so that Jupyter started by hand has them too."""
+    from srlrepro.storage.files import read_json, write_json
+
     file = VENV / "share" / "jupyter" / "kernels" / "python3" / "kernel.json"
-    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    found = read_json(file) if file.exists() else {}
     if found and found.get("env") != pins.pins():
-        file.write_text(json.dumps(found | {"env": pins.pins()}, indent=1), encoding="utf-8")
+        write_json(file, found | {"env": pins.pins()})
 
 
 @contextmanager
@@ -119,7 +120,6 @@ def main(arguments: list[str]) -> int:
         set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "workflow.driver", *arguments])
-    pin_kernels()
     if not pins.is_covered():
         print("reproduce.sh: not an x86-64 processor with AVX2 and FMA: last bits of results may differ")
     from srlrepro.settings.fields import ParameterError
@@ -129,6 +129,7 @@ def main(arguments: list[str]) -> int:
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, which `nohup … &` lets nobody hear
     try:
+        pin_kernels()
         config = plan(options) if not test and not site else {}
         with only_one() as lock:
             if site:
