@@ -1,6 +1,10 @@
-"""How fast the learner is (``python -m benchmarks``), on one thread, which is set before numpy starts."""
+"""How fast the learner is (``python -m benchmarks``), on one thread, which is set before numpy starts.
+
+The kernels are not pinned: that would slow the stock learner down, with which ours is compared.
+"""
 
 import os
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
+from srlrepro.pins import THREADS
+
+os.environ.update(THREADS)

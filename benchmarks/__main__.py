@@ -6,14 +6,16 @@ from benchmarks.learner import kernels, measure, start, summary
 from srlrepro.command_line import Parser
 from srlrepro.storage.files import write_table
 
-OUT = Path(__file__).parent.parent / "docs" / "benchmark.csv"
+OUT = Path(__file__).parent.parent / "docs" / "records" / "benchmark.csv"
 
 
 def main() -> None:
     """The command line."""
     parser = Parser(prog="python -m benchmarks", description=__doc__, allow_abbrev=False)
     parser.add_argument("--turns", type=int, default=15, help="of each work (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/benchmark.csv)")
+    parser.add_argument(
+        "--out", type=Path, default=OUT, help="table to write (default: docs/records/benchmark.csv)"
+    )
     arguments = parser.parse_args()
     if arguments.turns < 1:
         parser.error(f"--turns = {arguments.turns}: must be a whole number in [1, inf)")

@@ -13,7 +13,7 @@ import pandas as pd
 from srlrepro.storage.files import write_table
 
 ROOT = Path(__file__).parent.parent
-OUT = ROOT / "docs" / "rounding.csv"
+OUT = ROOT / "docs" / "records" / "rounding.csv"
 BEFORE, AFTER = "38c440055f", "f1fb93fb04"  # commits of the grid before and after the change
 COMPARED = ("final_return", "policy_return_share", "success_rate")
 CELL = ["measure", "alpha", "delta"]

@@ -21,7 +21,7 @@ from workflow.command_line import ALPHAS, DELTAS, Parser, make_parser
 from workflow.plan import plan
 
 ROOT = Path(__file__).parent.parent
-OUT = ROOT / "docs" / "overhead.csv"
+OUT = ROOT / "docs" / "records" / "overhead.csv"
 CELLS, OF_A_SEED = (36, 360, 3600), len(ALPHAS) * len(DELTAS)
 CONFIGURATION = "workflow.json"
 
@@ -78,7 +78,9 @@ def main() -> None:
     """The command line."""
     parser = Parser(prog="python -m benchmarks.workflow", description=__doc__, allow_abbrev=False)
     parser.add_argument("--cells", type=int, nargs="+", default=CELLS, help="default: %(default)s")
-    parser.add_argument("--out", type=Path, default=OUT, help="table to write (default: docs/overhead.csv)")
+    parser.add_argument(
+        "--out", type=Path, default=OUT, help="table to write (default: docs/records/overhead.csv)"
+    )
     arguments = parser.parse_args()
     for cells in arguments.cells:
         if cells < 1 or cells % OF_A_SEED:

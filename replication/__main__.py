@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from srlrepro import pins
 from srlrepro.command_line import Parser, path, run, subcommands
 from srlrepro.settings.fields import check
 
@@ -65,7 +66,6 @@ def documents(arguments: argparse.Namespace) -> None:
     if arguments.check:
         documents.check()
     else:
-        documents.keep_times()
         documents.write()
 
 
@@ -98,4 +98,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    pins.pin("python -m replication")
     sys.exit(main())

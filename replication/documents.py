@@ -12,7 +12,7 @@ import jinja2
 from replication.digests import changed, write_digests
 from replication.evidence.verdicts import LONG, THREE
 from replication.facts import Facts
-from srlrepro.storage.files import ResultError, beside, read_json, write_json
+from srlrepro.storage.files import ResultError, beside
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, FIGURES = ROOT / "docs", ROOT / "figures"
@@ -71,11 +71,3 @@ def refresh(name: str) -> Iterator[str]:
     if name in (THREE, *LONG):
         write()
         yield from documents()
-
-
-def keep_times() -> None:
-    """Keep the times of the last complete tests and of the last --quick run here, if there were any."""
-    tests, quick = ROOT / "results" / "test_time.json", FIGURES / "quick" / "run_time.json"
-    for measured, kept in ((tests, "test_time.json"), (quick, "quick_time.json")):
-        if measured.exists():
-            write_json(DOCS / kept, read_json(measured))

@@ -15,6 +15,7 @@ from replication.studies import multiverse
 from replication.studies.alternatives import ORACLES
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
+from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import STAGES
@@ -60,25 +61,37 @@ class Facts:
     figures: Path  # the folder with the tables of results
 
     @property
+    def records(self) -> Path:
+        """The folder of times and of what else only an explicit command updates."""
+        return self.root / "docs" / "records"
+
+    @property
     def constants(self) -> Row:
         """Numbers of the package that the documents name."""
         found = {"stated": len(fields(Paper)), "chosen": len(fields(Choices)), "fresh_states": TEST_STATES}
         return found | {"k": Paper.k, "p_t": Paper.p_t, "largest": LARGEST // 2**20, "stages": STAGES}
 
+    @property
+    def pins(self) -> dict[str, str]:
+        """{variable: value} of what is pinned."""
+        return KERNELS | THREADS
+
+    @property
+    def arithmetic(self) -> int:
+        """The number of the arithmetic that results made now rest on."""
+        return ARITHMETIC
+
     def table(self, *place: str) -> list[Row]:
-        """The rows of a table of results, or of docs/ by its name alone; None where a cell is empty."""
-        folder = self.figures if place[1:] else self.root / "docs"
+        """The rows of a table of results, or of the records by its name alone; None where a cell is empty."""
+        folder = self.figures if place[1:] else self.records
         table = read_table(folder.joinpath(*place), ())
         return table.astype(object).where(table.notna(), None).to_dict("records")
 
     def time(self, name: str) -> Row:
-        """Minutes, core hours and more of a complete run of this name, or a file of docs/; else empty."""
-        own = self.figures / name / "run_time.json"
-        if name.endswith(".json"):
-            own = self.root / "docs" / name
-        elif not (own.exists() and (name == THREE or self.is_there(name))):
-            return {}
-        found: Row = read_json(own)
+        """Minutes, core hours and more that results of this name took; empty if they are not there."""
+        file = self.records / f"{name}.json"
+        told = file.exists() and (name not in LONG or self.is_there(name))
+        found: Row = read_json(file) if told else {}
         return found
 
     def is_there(self, name: str) -> bool:
@@ -90,7 +103,7 @@ class Facts:
         """What the grid took, how many conditions it has, a perfect trial's return, and what was not run."""
         cells = read_table(self.figures / THREE / "measures.csv", MEASURE_COLUMNS)
         conditions = cells.dropna(subset=["alpha", "delta"])[["alpha", "delta"]].drop_duplicates()
-        found = {"run": read_json(self.figures / THREE / "run_time.json"), "conditions": len(conditions)}
+        found = {"run": read_json(self.records / f"{THREE}.json"), "conditions": len(conditions)}
         missing = [text for name, (_, text) in LONG.items() if not self.is_there(name)]
         return found | {"best": perfect_return(Config()), "missing": missing}
 
@@ -147,7 +160,7 @@ class Facts:
         """The figures of ``docs/figures.toml``, each with the places of its executed notebook."""
         table: dict[str, Row] = tomllib.loads((self.root / "docs/figures.toml").read_text(encoding="utf-8"))
         for entry in table.values():
-            found = (self.root / "notebooks/executed" / THREE).rglob(f"{entry['notebook']}.ipynb")
+            found = sorted((self.root / "notebooks/executed" / THREE).rglob(f"{entry['notebook']}.ipynb"))
             entry["executed"] = [path.relative_to(self.root).as_posix() for path in found]
         return table
 
@@ -181,7 +194,7 @@ class Facts:
 
     def rounding(self) -> pd.Series:
         """By how much another order of sums moved the mean final return of each condition."""
-        table = read_table(self.root / "docs/rounding.csv", ("measure", "before", "after"))
+        table = read_table(self.records / "rounding.csv", ("measure", "before", "after"))
         returns = table[table["measure"] == "final_return"]
         return (returns["after"] - returns["before"]).abs()
 

@@ -1,14 +1,14 @@
 """Learning a low-dimensional safe region for safe reinforcement learning, on a three-link pendulum.
 
-Importing the package registers the task with gymnasium; its public names are loaded when they are first used.
-The rooms, each depending only on those before it: `settings`, `storage`, `dynamics`, `samplers`, `region`,
-`supervisor`, `fast_ppo`, `learner`.
+Importing the package loads nothing else, so that `pins` can be set before numpy is there; its public names
+are loaded when they are first used. The task is then registered with gymnasium, or at once if that is there.
+The rooms, each depending only on those before it: `pins`, `settings`, `storage`, `dynamics`, `samplers`,
+`region`, `supervisor`, `fast_ppo`, `learner`.
 """
 
+import sys
 from importlib import import_module
 from typing import Any
-
-from gymnasium.envs.registration import register, registry
 
 ENVIRONMENT = "srlrepro/ThreeLinkCircle-v0"
 PUBLIC = {  # name: the module that holds it
@@ -37,14 +37,24 @@ PUBLIC = {  # name: the module that holds it
 }
 __all__ = ["ENVIRONMENT", *PUBLIC]
 
-if ENVIRONMENT not in registry:
-    register(id=ENVIRONMENT, entry_point="srlrepro.dynamics.circle_env:ThreeLinkCircleEnv")
+
+def register_task() -> None:
+    """Register the task with gymnasium, unless that has been done."""
+    from gymnasium.envs.registration import register, registry
+
+    if ENVIRONMENT not in registry:
+        register(id=ENVIRONMENT, entry_point="srlrepro.dynamics.circle_env:ThreeLinkCircleEnv")
+
+
+if "gymnasium" in sys.modules:
+    register_task()
 
 
 def __getattr__(name: str) -> Any:
     """A public name, loaded when it is first used."""
     if name not in PUBLIC:
         raise AttributeError(f"module 'srlrepro' has no attribute {name!r}")
+    register_task()
     return getattr(import_module(PUBLIC[name]), name)
 
 

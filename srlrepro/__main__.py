@@ -10,6 +10,7 @@ import sys
 from importlib.metadata import version
 from typing import Any
 
+from srlrepro import pins
 from srlrepro.command_line import Parser, add_settings, path, run, subcommands
 from srlrepro.settings.condition import MOST_SEED, parse_alpha
 from srlrepro.settings.config import PARAMETERS, Config, parse_settings
@@ -148,4 +149,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    pins.pin("python -m srlrepro")
     sys.exit(main())

@@ -5,8 +5,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-os.environ.setdefault("MPLBACKEND", "Agg")
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+from srlrepro.pins import pins
+
+os.environ.update(pins(), MPLBACKEND="Agg")  # before numpy is loaded
 
 import matplotlib.pyplot as plt
 import numpy as np

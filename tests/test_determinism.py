@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from srlrepro.learner.training import Run
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import parse_alpha
 from srlrepro.settings.config import Config
@@ -37,6 +38,7 @@ def kept_results(folder: Path) -> list[str]:
     for (alpha, delta, seed), rows in measures[of_runs].groupby(["alpha", "delta", "seed"]):
         run = Run(parse_alpha(str(alpha)), float(delta), int(seed), Choices.total_steps)
         record = {"run": asdict(run), "config": values, "region": "", "steps_done": run.steps}
+        record |= {"arithmetic": ARITHMETIC}
         write_json(folder / "runs" / run.name / "run.json", record | {"counts": COUNTS, "final_policy": {}})
         write_table(folder / "runs" / run.name / "measures.csv", rows)
         names.append(run.name)

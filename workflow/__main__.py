@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from srlrepro import pins
 from srlrepro.command_line import Parser, path, run, subcommands
 from srlrepro.settings.fields import ParameterError, one_line
 from workflow.command_line import add_limit
@@ -33,6 +34,15 @@ def snapshot(arguments: argparse.Namespace) -> None:
         notebooks.snapshot(notebook)
 
 
+def record(arguments: argparse.Namespace) -> None:
+    """Keep the time that results took here."""
+    from workflow import ROOT
+    from workflow.engine import record
+
+    for name in arguments.names:
+        print(f"{record(name).relative_to(ROOT)}; python -m replication documents takes it over")
+
+
 def make_parser() -> argparse.ArgumentParser:
     """The command line."""
     parser = Parser(prog="python -m workflow", description=__doc__, allow_abbrev=False)
@@ -47,6 +57,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "notebooks", type=path, nargs="+", help="in their order: later ones read what earlier ones write"
     )
+    sub = command(
+        "record", record, "Keep the time that results took here in docs/records/, for the documents."
+    )
+    sub.add_argument("names", nargs="+", metavar="NAME", help="of results, such as full or quick; or tests")
     return parser
 
 
@@ -56,4 +70,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    pins.pin("python -m workflow")
     sys.exit(main())

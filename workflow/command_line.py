@@ -14,7 +14,8 @@ LIMIT, LONGEST = 12.0, 8766.0  # h for one cell of a notebook: what the longest 
 LONGEST_MESSAGE = 2000  # characters
 VERIFIED = 3  # cells of `verify`: some minutes each
 LIMIT_VARIABLE = "SRLREPRO_LIMIT"  # in which the driver hands the limit to its jobs
-COMMAND_VARIABLE = "SRLREPRO_COMMAND"  # the same for its own command line
+COMMAND_VARIABLE = "SRLREPRO_COMMAND"  # in which a rule hands over the command line that makes its results
+TESTS = "tests"  # name of the results of ./reproduce.sh test, which are its time
 
 
 class Study(NamedTuple):

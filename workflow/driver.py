@@ -22,11 +22,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from srlrepro import pins
 from workflow import ROOT
-from workflow.command_line import make_parser, make_verify_parser
+from workflow.command_line import TESTS, make_parser, make_verify_parser
 
 VENV = ROOT / ".venv"
-THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 
 
 def set_up(names: list[str]) -> None:
@@ -48,6 +48,16 @@ def set_up(names: list[str]) -> None:
         print(f"Installed in {(time.monotonic() - started) / 60:.1f} min", flush=True)
 
 
+def pin_kernels() -> None:
+    """Give the pins to the notebooks' kernel in ``.venv``, so that Jupyter started by hand has them too."""
+    from srlrepro.storage.files import read_json, write_json
+
+    file = VENV / "share" / "jupyter" / "kernels" / "python3" / "kernel.json"
+    found = read_json(file) if file.exists() else {}
+    if found and found.get("env") != pins.pins():
+        write_json(file, found | {"env": pins.pins()})
+
+
 @contextmanager
 def only_one() -> Iterator[IO[str]]:
     """Hold the lock of this checkout; a second driver leaves at once.
@@ -67,14 +77,15 @@ def only_one() -> Iterator[IO[str]]:
 
 
 def environment() -> dict[str, str]:
-    """The variables under which everything runs: one thread a process, and nothing of the user's own."""
-    return os.environ | THREADS | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
+    """The variables under which everything runs: the pins, and nothing of the user's own."""
+    own = {name: value for name, value in os.environ.items() if name != "MATPLOTLIBRC"}
+    return own | pins.pins() | {"MPLCONFIGDIR": str(VENV / "matplotlib"), "PYTHONUTF8": "1"}
 
 
 def run_tests(options: list[str]) -> int:
     """Lint, types and tests; returns the first exit status that is not zero."""
     from srlrepro.storage.files import write_json
-    from workflow.engine import machine
+    from workflow.engine import TIME, machine
 
     started = time.monotonic()
     checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
@@ -84,7 +95,7 @@ def run_tests(options: list[str]) -> int:
     ]
     minutes = (time.monotonic() - started) / 60
     if not any(results) and not options:
-        write_json(ROOT / "results" / "test_time.json", {"minutes": round(minutes, 1), **machine()})
+        write_json(ROOT / "results" / TESTS / TIME, {"minutes": round(minutes, 1), **machine()})
     return next((status for status in results if status), 0)
 
 
@@ -112,11 +123,14 @@ def main(arguments: list[str]) -> int:
         options = argparse.Namespace(slurm=False, **vars(parser.parse_args(arguments[1:])))
     elif not test and not site:
         options = parser.parse_args(arguments)
+    pins.pin("reproduce.sh")
     if sys.prefix != str(VENV):
         wanted = "test" if test else "site" if site else "slurm" if options.slurm else ""
         set_up(["requirements.txt", *([f"requirements-{wanted}.txt"] if wanted else [])])
         python = str(VENV / "bin" / "python")
         os.execv(python, [python, "-m", "workflow.driver", *arguments])
+    if not pins.is_covered():
+        print("reproduce.sh: not an x86-64 processor with AVX2 and FMA: last bits of results may differ")
     from srlrepro.settings.fields import ParameterError
     from srlrepro.storage.files import ResultError
     from workflow.engine import run_workflow
@@ -124,6 +138,7 @@ def main(arguments: list[str]) -> int:
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, which `nohup … &` lets nobody hear
     try:
+        pin_kernels()
         if verify:
             from workflow import verify as verifying  # slow to import, as it makes tables anew
 

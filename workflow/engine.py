@@ -8,36 +8,60 @@ import subprocess
 import sys
 import tempfile
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any, NamedTuple, NoReturn
 
 from tqdm import tqdm
 
 from replication.digests import write_digests
+from srlrepro.settings.fields import check
 from srlrepro.storage.files import ResultError, read_json, remove_unfinished, require_replaceable, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
-from workflow.command_line import COMMAND_VARIABLE, CORES, LIMIT_VARIABLE
+from workflow.command_line import CORES, LIMIT_VARIABLE
 from workflow.notebooks import require_undamaged
 
 PROFILE = ROOT / "workflow" / "profiles" / "slurm"
 DONE = re.compile(r"^(\d+) of (\d+) steps \(")
+TIME = "run_time.json"  # beside results, not beside figures: a rerun takes another time
 INTERRUPTED = 130  # exit status after Ctrl-C
 REPORT_EVERY = 30.0  # s between two progress lines where there is no terminal
 
 
 def machine() -> dict[str, Any]:
-    """Where a time was measured."""
-    return {"processor": processor(), "processor_cores": os.cpu_count()}
+    """Where and when a time was measured."""
+    today = datetime.now(UTC).date().isoformat()
+    return {"processor": processor(), "processor_cores": os.cpu_count(), "date": today}
 
 
 def add_time(file: Path, minutes: float, **run: Any) -> dict[str, Any]:
-    """Keep, in a file beside results, the time that they took over all sittings in which a job was done."""
+    """Keep, in a file beside results, the time that they took over all sittings in which a job was done.
+
+    `record` copies it to the repository.
+    """
     before = read_json(file) if file.exists() else {"minutes": 0.0, "sittings": 0}
     timing = {"minutes": round(before["minutes"] + minutes, 1), "sittings": before["sittings"] + 1}
     timing |= run | machine()
     write_json(file, timing)
     return timing
+
+
+def record(name: str) -> Path:
+    """Keep the time that results here took, for the documents; returns the file.
+
+    Nothing else writes a time or the name of a processor to a tracked file.
+
+    Raises:
+        ParameterError: results of this name have left no time.
+    """
+    measured = ROOT / "results" / name / TIME
+    known = sorted(path.parent.name for path in measured.parent.parent.glob(f"*/{TIME}"))
+    check(
+        name in known, "NAME", name, f"results here that were timed ({', '.join(known) or 'there are none'})"
+    )
+    write_json(kept := ROOT / "docs" / "records" / f"{name}.json", read_json(measured))
+    return kept
 
 
 def spent(folder: Path, seeds: list[int] | None = None) -> dict[str, Any]:
@@ -134,11 +158,10 @@ def supervise(
 
 
 def note_time(config: dict[str, Any], options: argparse.Namespace, minutes: float) -> None:
-    """Add the minutes of a sitting to those of the results, and show them beside the figures."""
+    """Add the minutes of a sitting to those of the results, with what the trainings took."""
     place = {"cores": "Slurm" if options.slurm else options.cores or CORES, "steps": config["steps"]}
-    timing = add_time(ROOT / "results" / config["name"] / "run_time.json", minutes, **place)
-    timing |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
-    write_json(ROOT / "figures" / config["name"] / "run_time.json", timing)
+    place |= spent(ROOT / "results" / config["cells"], None if config["study"] else config["seeds"])
+    add_time(ROOT / "results" / config["name"] / TIME, minutes, **place)
 
 
 def tell(name: str) -> int:
@@ -178,7 +201,7 @@ def run_workflow(
     command = [sys.executable, "-m", "snakemake", config["study"] or "all"]
     command += [*engine(options.slurm, options.cores), "--keep-going", "--rerun-incomplete", "--nolock"]
     command += ["--scheduler", "greedy", "--configfile"]
-    environment = environment | {LIMIT_VARIABLE: str(options.limit), COMMAND_VARIABLE: config["command"]}
+    environment = environment | {LIMIT_VARIABLE: str(options.limit)}
     if options.dry_run:
         return say_what_would_run(command, config, environment)
     write_json(folder / "workflow.json", config)

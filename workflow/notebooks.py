@@ -22,6 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from srlrepro.pins import pins
 from srlrepro.settings.condition import NONE, Condition, alpha_text
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError, check, one_line
@@ -38,8 +39,6 @@ from srlrepro.storage.provenance import MADE_BY, provenance
 from workflow.command_line import COMMAND_VARIABLE
 from workflow.plan import setting_texts
 from workflow.sources import code_of
-
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 IRI_GRAMMAR = "rfc3987_syntax"  # of IRIs: the validator takes two seconds to build it; no notebook holds one
 LONGEST_RECORD = 2**16  # Linux takes 128 KiB in a variable
@@ -147,7 +146,7 @@ def execute(
     record.unlink(missing_ok=True)
     before, started, code = [_written(path) for path in results], time.monotonic(), code_of(str(notebook))
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
-        os.environ.update(dict.fromkeys(THREADS, "1"))
+        os.environ.update(pins())
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
         os.environ[MADE_BY] = _made_by(notebook, parameters, code)
         transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
@@ -250,8 +249,9 @@ def require_undamaged(folders: Iterable[Path], root: Path) -> None:
 
 
 def forget_machine(notebook: Any) -> None:
-    """Drop times and papermill's bookkeeping, so that the same results give the same notebook."""
+    """Drop times, versions and papermill's bookkeeping, so that the same results give the same notebook."""
     notebook.metadata.pop("papermill", None)
+    notebook.metadata.get("language_info", {}).pop("version", None)  # of Python, to the last patch
     for cell in notebook.cells:
         cell.metadata.pop("papermill", None)
         cell.metadata.pop("execution", None)

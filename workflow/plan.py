@@ -15,18 +15,29 @@ import math
 import re
 import shlex
 import tomllib
+from functools import partial
 from typing import Any
 
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.condition import alpha_text
 from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import ParameterError, check, check_whole
 from srlrepro.storage.files import ResultError, read_json
 from workflow import ROOT
-from workflow.command_line import ALPHAS, DELTAS, LONGEST, SEEDS, STUDIES
+from workflow.command_line import ALPHAS, DELTAS, LONGEST, SEEDS, STUDIES, TESTS
 
 MOST_SEEDS = 10_000  # Snakemake plans the 1000 seeds of the largest set that was thought of, not a million
 LONGEST_NAME = 64  # characters; a file system takes 255 bytes, and some go to what stands around the name
-DIFFERENT = ("alphas", "deltas", "seeds", "steps", "settings", "study", "few")  # what one name is of
+DIFFERENT = (
+    "alphas",
+    "deltas",
+    "seeds",
+    "steps",
+    "settings",
+    "study",
+    "few",
+    "arithmetic",
+)  # what one name is of
 DIGEST = 8  # hexadecimal digits that tell cut names apart
 
 
@@ -89,17 +100,27 @@ def figures() -> dict[str, dict[str, str]]:
 
 
 def _command(
-    arguments: argparse.Namespace, alphas: list[str], deltas: list[float], texts: list[str], steps: int | None
+    arguments: argparse.Namespace,
+    alphas: list[str],
+    deltas: list[float],
+    texts: list[str],
+    steps: int | None,
+    seeds: int,
+    name: str,
 ) -> str:
-    """The command line that gives this plan again, wherever its jobs run; texts: of the settings."""
+    """The command line that gives a plan again, wherever its jobs run.
+
+    Args:
+        texts: of the settings; steps: None if they are the usual; name: "" if it follows from the rest.
+    """
     words = ["./reproduce.sh", *(["--quick"] if arguments.quick else [])]
     words += [f"--{arguments.study}"] if arguments.study else []
     words += ["--alphas", *alphas] if alphas != ALPHAS else []
     words += ["--deltas", *(f"{delta:g}" for delta in deltas)] if arguments.deltas != DELTAS else []
-    words += ["--seeds", str(arguments.seeds)] if arguments.seeds != SEEDS else []
+    words += ["--seeds", str(seeds)] if seeds != SEEDS else []
     words += ["--steps", str(steps)] if steps is not None else []
     words += ["--set", *texts] if texts else []
-    words += ["--name", arguments.name] if arguments.name is not None else []
+    words += ["--name", name] if name else []
     return shlex.join(words)
 
 
@@ -138,7 +159,8 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         is varied; values: of every parameter. note: what a figure must say of itself, "" of the full
         one; varied: the same of one that no training enters.
         study: its name, or ""; few: whether it has few universes. command: the command line that gives this
-        plan again. only: the notebook asked for, or "".
+        plan again; look_command: one that gives what lies under ``look``, whatever the number of seeds.
+        arithmetic: on which the results rest (`srlrepro.pins`). only: the notebook asked for, or "".
 
     Raises:
         ParameterError: a value that is not allowed.
@@ -184,6 +206,8 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
             f"with --{study}" if study else "without a study",
         )
         only = known[arguments.only]["notebook"]
+    own_name = "" if arguments.name in (None, names["name"]) else arguments.name
+    command = partial(_command, arguments, alphas, deltas, texts, None if steps == usual else steps)
     planned = names | {
         "alphas": alphas,
         "deltas": deltas,
@@ -195,12 +219,14 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         "note": "; ".join([*notes, *([varied] if varied else [])]),
         "study": arguments.study,
         "few": arguments.quick and bool(arguments.study),
-        "command": _command(arguments, alphas, deltas, texts, None if steps == usual else steps),
+        "arithmetic": ARITHMETIC,
+        "command": command(arguments.seeds, own_name),
+        "look_command": command(arguments.seeds if own_name else SEEDS, own_name),
     }
-    if arguments.name not in (None, names["name"]):
-        check_name(arguments.name)
-        check_is_free(planned | {"name": arguments.name})
-        planned |= {"name": arguments.name, "look": arguments.name, "cells": arguments.name}
+    if own_name:
+        check_name(own_name)
+        check_is_free(planned | {"name": own_name})
+        planned |= {"name": own_name, "look": own_name, "cells": own_name}
     return planned | {"only": only}
 
 
@@ -211,7 +237,7 @@ def check_is_free(planned: dict[str, Any]) -> None:
         ParameterError: it does; they would be mixed, or taken for each other.
     """
     name = planned["name"]
-    reserved = name in ("full", "quick", *STUDIES) or name.startswith("seeds_")
+    reserved = name in ("full", "quick", TESTS, *STUDIES) or name.startswith("seeds_")
     check(not reserved, "--name", name, "another name: results that are not varied have this one")
     for file in (ROOT / place / name / "workflow.json" for place in ("results", "figures")):
         try:

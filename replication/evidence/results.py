@@ -14,6 +14,7 @@ import pandas as pd
 from replication.evidence.claims import MEASURE_COLUMNS
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner import VISITED_FORMAT
+from srlrepro.pins import ARITHMETIC
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.samplers import TrainingData
 from srlrepro.settings.condition import Condition, parse_alpha
@@ -87,7 +88,11 @@ class TrainedRun:
 
 
 def read_run(place: str | Path) -> TrainedRun:
-    """The run in a folder, or of a run.json; `ResultError`: none, or it is not of a training run."""
+    """The run in a folder, or of a run.json.
+
+    Raises:
+        ResultError: there is none, it is not of a training run, or it rests on another arithmetic.
+    """
     path = Path(place) if Path(place).name == RECORD else Path(place, RECORD)
     found = read_json(path)
     try:
@@ -95,6 +100,8 @@ def read_run(place: str | Path) -> TrainedRun:
         lacking = config.as_dict().keys() - found["config"].keys()
         if lacking:
             raise ValueError(f"it lacks the value of {min(lacking)}")
+        if found.get("arithmetic", 0) != ARITHMETIC:
+            raise ValueError(f"its arithmetic is {found.get('arithmetic', 0)!r}, not {ARITHMETIC}")
         return TrainedRun(
             folder=path.parent,
             condition=Condition(run["alpha"], run["delta"], run["seed"]),

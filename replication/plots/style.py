@@ -53,6 +53,7 @@ STAMP = "#B00000"  # the note that a figure does not show the full experiment
 # Colour maps: of Γ, of α beside those of the paper, of Δ.
 GAMMA_MAP, ALPHA_MAP, DELTA_MAP = "cividis", "cool", "magma"
 
+FONT = "DejaVu Sans"  # matplotlib brings it; seaborn would take Arial where the machine has it
 NOTE_WIDTH = 11  # characters of a note that fit into an inch
 
 
@@ -61,7 +62,10 @@ def use_style() -> None:
     import seaborn as sns  # here, since it is slow to import and a training run draws without it
 
     own = {"figure.dpi": 100, "savefig.dpi": 160, "pdf.fonttype": 42, "svg.hashsalt": "srlrepro"}
+    own |= {"pdf.compression": 0}  # other builds of zlib, which Python takes from the system, pack otherwise
+    own |= {"font.sans-serif": [FONT], "font.family": ["sans-serif"]}
     own |= {"legend.frameon": False, "axes.titlesize": 10, "figure.constrained_layout.use": True}
+    plt.style.use("default")  # nothing of the user's own
     sns.set_theme(context="paper", style="ticks", rc=own)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from srlrepro import register_task
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, ClosedLoop, Limits, hold_torque
 from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, as_state, tip
@@ -192,3 +193,6 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
         if self._view is not None:
             self._view.close()
             self._view = None
+
+
+register_task()  # for those who import the module alone

@@ -32,6 +32,7 @@ from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, Report, count, learning_curve
 from srlrepro.learner.trials import evaluate
+from srlrepro.pins import ARITHMETIC
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
@@ -160,6 +161,7 @@ def train(
     trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
     result = {
         **identity,
+        "arithmetic": ARITHMETIC,
         "steps_done": model.num_timesteps,
         "counts": count(trials),
         "final_policy": {

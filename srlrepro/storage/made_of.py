@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.condition import MOST_SEED, check_share
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole
@@ -18,6 +19,7 @@ class MadeOf:
     alpha: float  # share of UD in the data
     seed: int  # of the data
     values: dict[str, Any]  # {name: value} of the parameters (`Config.until` the stage)
+    arithmetic: int = ARITHMETIC  # its number (`srlrepro.pins`); 0: before there were any
 
 
 def write_made_of(made_of: MadeOf | None) -> str:
@@ -35,7 +37,8 @@ def read_made_of(text: Any, stage: str, path: Path) -> MadeOf | None:
         told = parse_json(str(text))
         if told is None:
             return None
-        found = MadeOf(**told)
+        found = MadeOf(**{"arithmetic": 0} | told)
+        check_whole("arithmetic", found.arithmetic, 0)
         check_share(found.alpha)
         check_whole("seed", found.seed, 0, MOST_SEED)
         if Config().with_values(**found.values).until(stage) != found.values:
@@ -59,7 +62,7 @@ def require_made_of(
     """
     check(made_of is not None, stage, where, "one that says what it was made of, not one made by hand")
     assert made_of is not None
-    found = {"alpha": made_of.alpha, "seed": made_of.seed} | made_of.values
-    for name, value in (of_data | config.until(stage)).items():
+    found = {name: value for name, value in vars(made_of).items() if name != "values"} | made_of.values
+    for name, value in (of_data | {"arithmetic": ARITHMETIC} | config.until(stage)).items():
         same = value is None or value == found.get(name)
         check(same, name, value, f"{found.get(name)}, with which {where} was made")

@@ -11,7 +11,7 @@ import pytest
 
 from replication import documents
 from replication.documents import DOCS, FIGURES, ROOT, render
-from srlrepro.storage.files import ResultError
+from srlrepro.storage.files import ResultError, read_json
 from workflow.command_line import make_parser
 
 NOT_RUN = "*Not run: `./reproduce.sh --"
@@ -26,9 +26,9 @@ def test_the_documents_are_up_to_date() -> None:
 
 def test_a_changed_result_makes_them_stale(larger: Path) -> None:
     assert render("REPORT.md", FIGURES) == TOP["REPORT.md"]
-    path = larger / "full" / "run_time.json"
-    path.write_text(path.read_text(encoding="utf-8").replace("70.1", "70.2"), encoding="utf-8")
-    assert "70.2 min" in render("README.md", larger) and "70.2 min" not in TOP["README.md"]
+    path = larger / "seeds_10" / "claims.csv"
+    path.write_text(path.read_text(encoding="utf-8").replace(",10,", ",11,"), encoding="utf-8")
+    assert "with 11 seeds" in render("README.md", larger) and "with 11 seeds" not in TOP["README.md"]
 
 
 def test_a_stale_document_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -107,19 +107,12 @@ def test_results_that_they_do_not_tell_of_render_nothing(
     assert list(documents.refresh("full"))[:2] == ["README.md", "REPORT.md"] and written
 
 
-def test_times_are_kept_by_the_explicit_command_alone(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(documents, "DOCS", tmp_path)
-    monkeypatch.setattr(documents, "ROOT", tmp_path)
-    monkeypatch.setattr(documents, "FIGURES", tmp_path)
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "test_time.json").write_text('{"minutes": 1.5}')
-    monkeypatch.setattr(documents, "write", lambda: None)
-    list(documents.refresh("full"))
-    assert not (tmp_path / "test_time.json").exists()
-    documents.keep_times()
-    assert "1.5" in (tmp_path / "test_time.json").read_text() and not (tmp_path / "quick_time.json").exists()
+def test_times_are_those_of_the_records_alone() -> None:
+    """A rerun, which takes another time on another processor, must leave the documents as they are."""
+    measured = {path.stem: read_json(path) for path in (DOCS / "records").glob("*.json")}
+    assert f"took {measured['full']['minutes']} min" in TOP["README.md"]
+    assert f"{measured['tests']['minutes']} min; `./reproduce.sh --quick`" in TOP["README.md"]
+    assert {"full", "quick", "tests"} <= measured.keys() and not list(FIGURES.glob("*/run_time.json"))
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)

@@ -1,5 +1,6 @@
 """What the documents tell is what the tables hold."""
 
+import shutil
 import tomllib
 from fractions import Fraction
 from pathlib import Path
@@ -207,12 +208,14 @@ def test_that_every_step_of_the_proof_holds_is_what_the_table_says() -> None:
 
 def test_computing_takes_times_from_results(tmp_path: Path) -> None:
     """Further seeds are what is beyond the grid that they share; an unfinished run is not told of."""
+    (tmp_path / "docs" / "records").mkdir(parents=True)
+    shutil.copy(ROOT / "docs" / "records" / "computing.csv", tmp_path / "docs" / "records")
     for name, trainings, hours in (("full", 36, 1.5), ("seeds_10", 120, 5.0), ("multiverse", 9, 1.0)):
-        (tmp_path / name).mkdir()
+        (tmp_path / name).mkdir(parents=True)
         time = {"trainings": trainings, "core_hours": hours, "minutes": 3.0, "steps": 7}
-        write_json(tmp_path / name / "run_time.json", time)
+        write_json(tmp_path / "docs" / "records" / f"{name}.json", time)
     (tmp_path / "seeds_10" / LONG["seeds_10"][0]).touch()
-    table = {row["what"]: row for row in Facts(ROOT, tmp_path).computing()}
+    table = {row["what"]: row for row in Facts(tmp_path, tmp_path).computing()}
     more = table["further seeds"]
     assert (more["trainings"], more["core_hours"], more["ran"]) == (84, 3.5, True)
     assert not table["multiverse"]["ran"] and table["multiverse"]["core_hours"] is None

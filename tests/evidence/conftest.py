@@ -11,6 +11,7 @@ import pytest
 
 from replication.evidence.results import TrainedRun, read_run
 from srlrepro.learner import VISITED_FORMAT
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import write_arrays, write_json, write_table
@@ -31,6 +32,7 @@ def write_run(tmp_path: Path) -> WriteRun:
             "run": asdict(of) | {"steps": steps},
             "config": given.get("config", Config()).as_dict(),
             "region": given.get("region", "NoneType"),
+            "arithmetic": ARITHMETIC,
             "steps_done": given.get("steps_done", steps),
             "counts": COUNTS | given.get("counts", {}),
             "final_policy": {name: {"return": value} for name, value in returns.items()},

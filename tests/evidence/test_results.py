@@ -99,6 +99,8 @@ def without(record: dict[str, Any], *path: str) -> dict[str, Any]:
         lambda record: without(record, "config", "p_t"),
         lambda record: without(record, "final_policy", "own condition", "return"),
         lambda record: record | {"counts": []},
+        lambda record: without(record, "arithmetic"),
+        lambda record: record | {"arithmetic": record["arithmetic"] + 1},
         lambda record: record | {"counts": {"falls": "many"}},
         lambda record: record | {"run": record["run"] | {"alpha": 2}},
         lambda record: record | {"run": record["run"] | {"delta": "1.1"}},

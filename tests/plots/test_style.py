@@ -2,15 +2,19 @@
 
 import ast
 import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib import colormaps, colors
+from matplotlib import colormaps, colors, font_manager
 from PIL import Image
 
 from replication.plots import style
@@ -148,6 +152,45 @@ def test_a_figure_is_vector_raster_and_table_and_deterministic(tmp_path: Path) -
         files.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert sorted(files[0]) == ["fig.csv", "fig.pdf", "fig.png"]
     assert files[0] == files[1]
+
+
+DRAW = """
+import sys
+import numpy as np
+import pandas as pd
+from replication.plots.style import panels, save_figure, use_style
+use_style()
+figure, axes = panels(2)
+axes[0].imshow(np.arange(16.0).reshape(4, 4))
+axes[1].plot([1, 2.5], [1, 1e4], label=r"$\\theta_1$ Γ −")
+axes[1].legend()
+save_figure(figure, sys.argv[1], "fig", pd.DataFrame({"a": [0.1 + 0.2]}), "note")
+figure.savefig(f"{sys.argv[1]}/fig.svg", metadata={"Date": None})
+"""
+
+
+@pytest.mark.slow
+def test_another_folder_user_time_and_locale_give_the_same_bytes(tmp_path: Path) -> None:
+    """PDF, PNG, SVG and CSV, drawn by two processes under all that a machine may have otherwise."""
+    (tmp_path / "matplotlibrc").write_text("lines.linewidth: 9\nsavefig.facecolor: red\nfont.size: 20\n")
+    usual = {"TZ": "UTC", "LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "1", "HOME": str(tmp_path)}
+    other = {"TZ": "Asia/Tokyo", "LC_ALL": "C", "PYTHONHASHSEED": "2", "HOME": "/nowhere"}
+    other |= {"MATPLOTLIBRC": str(tmp_path), "SOURCE_DATE_EPOCH": "1"}
+    files = []
+    for name, variables in (("a", usual), ("another_folder", other)):
+        environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "fonts")} | variables
+        command = [sys.executable, "-c", DRAW, str(tmp_path / name)]
+        subprocess.run(command, env=environment, cwd=ROOT, check=True)
+        files.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    assert sorted(files[0]) == ["fig.csv", "fig.pdf", "fig.png", "fig.svg"]
+    assert [name for name in files[0] if files[0][name] != files[1][name]] == []
+    assert re.search(rb"/CreationDate|/Producer|/FlateDecode", files[0]["fig.pdf"]) is None
+    assert b"DejaVuSans" in files[0]["fig.pdf"]
+
+
+def test_the_font_is_the_one_that_matplotlib_brings() -> None:
+    found = font_manager.findfont(style.FONT, fallback_to_default=False)
+    assert Path(found).is_relative_to(matplotlib.get_data_path())
 
 
 def test_a_note_is_on_the_figure_and_an_empty_one_changes_nothing(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from srlrepro.storage.files import ResultError
+from srlrepro import pins
+from srlrepro.storage.files import ResultError, read_json, write_json
 from workflow import driver
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +31,9 @@ def test_a_command_line_of_the_wrong_form_is_one_line_before_anything_is_install
 ) -> None:
     """On a copy without an environment, with the machine's own Python."""
     shutil.copytree(ROOT / "workflow", tmp_path / "workflow", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "reproduce.sh").write_bytes((ROOT / "reproduce.sh").read_bytes())
+    (tmp_path / "srlrepro").mkdir()
+    for name in ("reproduce.sh", "srlrepro/__init__.py", "srlrepro/pins.py"):
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     before = sorted(tmp_path.rglob("*"))
     done = subprocess.run(["bash", "reproduce.sh", *arguments], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2 and message in done.stderr
@@ -114,3 +117,35 @@ def test_each_way_of_use_sets_up_what_it_needs(
     with pytest.raises(SystemExit):
         driver.main(arguments)
     assert asked == [["requirements.txt", *further]] and started[0][3:] == arguments
+
+
+def test_the_kernel_of_the_environment_has_the_pins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "VENV", tmp_path)
+    driver.pin_kernels()  # where there is none, none is made
+    assert list(tmp_path.iterdir()) == []
+    file = tmp_path / "share" / "jupyter" / "kernels" / "python3" / "kernel.json"
+    write_json(file, {"argv": ["python"], "env": {"OMP_NUM_THREADS": "7"}})
+    driver.pin_kernels()
+    assert read_json(file) == {"argv": ["python"], "env": pins.pins()}
+    before = file.stat().st_mtime_ns
+    driver.pin_kernels()
+    assert file.stat().st_mtime_ns == before
+
+
+def test_jobs_have_the_pins_and_nothing_of_the_users_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MATPLOTLIBRC", "/somewhere")
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    found = driver.environment()
+    assert "MATPLOTLIBRC" not in found and pins.pins().items() <= found.items()
+
+
+def test_the_driver_says_what_it_replaces_in_one_line() -> None:
+    """It is stopped at its lock here."""
+    code = "import pathlib, sys, workflow.driver as d\nd.VENV = pathlib.Path(sys.prefix)\n"
+    code += "d.pin_kernels = lambda: None\nd.only_one = lambda: sys.exit(0)\nd.main(['--dry-run'])"
+    variables = os.environ | {"OPENBLAS_CORETYPE": "Zen"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=variables, cwd=ROOT, capture_output=True, text=True
+    )
+    line = "reproduce.sh: takes its own pins instead of OPENBLAS_CORETYPE=Zen\n"
+    assert (done.returncode, done.stderr) == (0, line if pins.is_covered() else "")

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +10,10 @@ from pathlib import Path
 import pytest
 from plans import planned
 
-from srlrepro.storage.files import ResultError
+from srlrepro.storage.files import ResultError, write_json
 from workflow import engine
-from workflow.command_line import CORES
+from workflow.__main__ import main
+from workflow.command_line import CORES, make_parser
 
 ROOT = Path(__file__).parents[2]
 
@@ -107,3 +109,43 @@ def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) 
     assert engine.spent(tmp_path, [0, 1]) == {"trainings": 2, "core_hours": 1.5, "peak_memory_mb": 501}
     assert engine.spent(tmp_path)["trainings"] == 3
     assert engine.spent(tmp_path / "nowhere", [0])["trainings"] == 0
+
+
+def test_a_time_is_kept_by_the_explicit_command_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(engine, "ROOT", tmp_path)
+    options = make_parser().parse_args(["--cores", "1"])
+    engine.note_time({"name": "few", "cells": "few", "steps": 5, "study": "", "seeds": [0]}, options, 2.5)
+    assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")] == [
+        "results/few/run_time.json"
+    ]
+    assert main(["record", "few"]) == 0 and "docs/records/few.json" in capsys.readouterr().out
+    kept = json.loads((tmp_path / "docs" / "records" / "few.json").read_text())
+    assert kept["minutes"] == 2.5 and kept["trainings"] == 0 and len(kept["date"]) == len("2026-01-31")
+    with pytest.raises(SystemExit) as end:
+        main(["record", "many"])
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and "NAME = many: must be results here that were timed (few)" in said
+
+
+def test_what_draws_shared_figures_records_the_shared_command(tmp_path: Path) -> None:
+    """The shell commands that Snakemake would run for a set of more seeds."""
+    write_json(path := tmp_path / "workflow.json", planned("--seeds", "4", "--steps", "64"))
+    command = [
+        "snakemake",
+        "all",
+        "--dry-run",
+        "--printshellcmds",
+        "--nolock",
+        "--cores",
+        "2",
+        "--configfile",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-m", *command, str(path)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    said = re.findall(r"SRLREPRO_COMMAND='([^']*)' \S+ -m workflow execute notebooks/(\w+)", done.stdout)
+    by = {notebook: command for command, notebook in said}
+    assert by["01_pendulum"] == by["11_behaviour"] == "./reproduce.sh --steps 64"
+    assert by["06_learning_performance"] == by["08_claims"] == "./reproduce.sh --seeds 4 --steps 64"

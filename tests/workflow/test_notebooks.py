@@ -20,6 +20,7 @@ from workflow.sources import code_of
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+TIME_OR_ADDRESS = r"\bat 0x[0-9a-f]{6}|[\d.]+ (min|s) left|it/s\]"
 MACHINE_PATH = r"[^\w.:]/(home|root|tmp|usr|work|Users)/"
 NAMES = [
     "01_pendulum",
@@ -226,6 +227,44 @@ def executed() -> list[Path]:
     return sorted((ROOT / "notebooks" / "executed" / "full").rglob("*.ipynb"))
 
 
+def tell(source: str) -> nbformat.NotebookNode:
+    """A notebook of one cell."""
+    cells = [
+        nbformat.v4.new_code_cell("N = 1", metadata={"tags": ["parameters"]}),
+        nbformat.v4.new_code_cell(source),
+    ]
+    return nbformat.v4.new_notebook(
+        cells=cells, metadata={"kernelspec": {"name": "python3", "display_name": "P"}}
+    )
+
+
+@pytest.mark.slow
+def test_an_executed_notebook_has_the_same_bytes_in_another_folder_home_and_locale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a picture, a table, and output that is cleared."""
+    source = (ROOT / "notebooks" / "05_training_run.ipynb").read_text()
+    assert "clear_output()" in source
+    shown = "import time, pandas as pd, matplotlib.pyplot as plt\nfrom IPython.display import clear_output\n"
+    shown += "print(time.time())\nclear_output()\nplt.plot([1, N])\nplt.show()\npd.DataFrame({'θ': [1.5]})"
+    written = []
+    monkeypatch.delenv("MPLBACKEND")  # the notebooks' own shows pictures
+    for name, zone, seed in (("a", "UTC", "1"), ("another", "Asia/Tokyo", "2")):
+        for variable, value in {
+            "HOME": str(tmp_path / name),
+            "TZ": zone,
+            "PYTHONHASHSEED": seed,
+            "LC_ALL": "C",
+        }.items():
+            monkeypatch.setenv(variable, value)
+        folder = tmp_path / name
+        folder.mkdir()
+        nbformat.write(tell(shown), folder / "one.ipynb")
+        execute(folder / "one.ipynb", folder / "executed" / "one.ipynb", {})
+        written.append((folder / "executed" / "one.ipynb").read_bytes())
+    assert written[0] == written[1] and b"image/png" in written[0]
+
+
 def test_the_executed_notebooks_of_the_grid_are_complete() -> None:
     """Every source notebook of the grid, the training run 36 times."""
     names = [path.stem for path in executed()]
@@ -241,7 +280,9 @@ def test_the_executed_notebooks_of_the_grid_are_complete() -> None:
 @pytest.mark.parametrize("path", executed(), ids=lambda p: p.stem)
 def test_executed_notebooks_ran_to_their_end(path: Path) -> None:
     assert path.stat().st_size < 1_000_000
-    assert re.search(MACHINE_PATH, path.read_text()) is None
+    text = path.read_text()
+    assert re.search(MACHINE_PATH, text) is None and re.search(TIME_OR_ADDRESS, text) is None
+    assert "version" not in json.loads(text)["metadata"]["language_info"]
     for cell in nbformat.read(path, as_version=4).cells:
         if cell.cell_type == "code":
             assert cell.execution_count is not None

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from plans import planned
 
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import write_json
@@ -23,7 +24,7 @@ def test_the_default_is_the_papers_grid() -> None:
 
 def test_quick_differs_in_the_steps_alone_and_says_so() -> None:
     full, quick = planned(), planned("--quick")
-    different = {"name", "look", "cells", "steps", "note", "command"}
+    different = {"name", "look", "cells", "steps", "note", "command", "look_command"}
     assert {key for key in full if full[key] != quick[key]} == different
     assert quick["name"] == "quick" and str(Choices.quick_steps) in str(quick["note"])
 
@@ -76,7 +77,7 @@ def test_grids_with_other_seeds_alone_share_their_runs_and_regions() -> None:
     more = planned("--seeds", "10")
     assert (more["name"], more["look"], more["cells"]) == ("seeds_10", "full", "full")
     named = planned("--seeds", "10", "--name", "seeds_10")
-    assert {key for key in more if named[key] != more[key]} == {"command"}
+    assert named == more
     fewer = planned("--quick", "--seeds", "2")
     assert (fewer["name"], fewer["look"], fewer["cells"]) == ("quick__seeds_2", "quick", "quick")
 
@@ -133,3 +134,25 @@ def test_a_study_has_its_own_grid_and_name() -> None:
 def test_a_study_is_not_mixed_with_other_results(arguments: list[str]) -> None:
     with pytest.raises(ParameterError, match=r"must be|without one"):
         planned(*arguments, "--alphas", "0", "1")
+
+
+def test_a_figure_records_a_command_that_says_nothing_of_the_machine() -> None:
+    """Figures that sets of more seeds share must have the same bytes whichever of them drew them."""
+    full = planned()
+    for arguments in (["--cores", "1"], ["--slurm"], ["--limit", "3"], ["--name", "full"]):
+        assert planned(*arguments) == full, arguments
+    more = planned("--seeds", "10")
+    assert more["command"] == "./reproduce.sh --seeds 10"
+    assert more["look_command"] == full["look_command"] == full["command"] == "./reproduce.sh"
+    own = planned("--seeds", "10", "--name", "mine")
+    assert own["look_command"] == own["command"] == "./reproduce.sh --seeds 10 --name mine"
+
+
+def test_results_rest_on_the_arithmetic(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert planned()["arithmetic"] == ARITHMETIC
+    monkeypatch.setattr(plan, "ROOT", tmp_path)
+    grid = planned("--steps", "5", "--name", "mine")
+    earlier = {key: value for key, value in grid.items() if key != "arithmetic"}
+    write_json(tmp_path / "figures" / "mine" / "workflow.json", earlier)
+    with pytest.raises(ParameterError, match=r"of another grid \(arithmetic differ"):
+        planned("--steps", "5", "--name", "mine")

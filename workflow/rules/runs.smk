@@ -39,6 +39,7 @@ rule run_measures:
     output:
         f"{RESULTS}/runs/{RUN}/measures.csv",
     params:
+        values=config["values"],
         region=lambda w, input: f"--region {shlex.quote(input.region)}" if input.region else "",
         common=lambda w, input: f"--common {shlex.quote(str(Path(input.common).parent))}" if input.common else "",
     shell:
