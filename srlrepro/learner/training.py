@@ -6,7 +6,8 @@ The products of a run, in one folder:
 - ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
 - ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
   the distribution 𝒟 of Sec. III;
-- ``policy.zip``: the final policy, an archive of stable-baselines3 (the one kind of file with pickles);
+- ``policy.npz``: the actor of the final policy as plain arrays (`srlrepro.load_policy`);
+- ``policy.zip``: the whole learner, an archive of stable-baselines3 with pickles, which nothing here reads;
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
@@ -27,6 +28,7 @@ from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
+from srlrepro.learner.policy import TrainedPolicy, record_of
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, Report, count, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
@@ -158,6 +160,7 @@ def train(
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     with files.beside(folder / "policy.zip") as temporary:
         model.save(temporary)
+    TrainedPolicy.of(model, record_of(result)).save(folder / "policy.npz")
     files.write_json(folder / "run.json", result)
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
