@@ -1,8 +1,8 @@
 """Documents from templates: README, REPORT, pages of docs/, cards. Every number in them comes from results.
 
 The document ``NAME`` is rendered from ``docs/templates/NAME.jinja``; the cards of policies/, where there are
-policies, from ``docs/templates/cards``. Templates take what they tell from `Facts`, so that two documents that
-tell the same thing have it from the same place.
+policies, from ``docs/templates/cards``. Templates take what they tell from `Facts`, so that two documents
+that tell the same thing have it from the same place.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ TOP = ("README.md", "REPORT.md")  # the other documents lie in docs/
 def documents() -> list[str]:
     """Paths of all documents in the repository, README and REPORT first, cards last."""
     pages = sorted(path.stem for path in TEMPLATES.glob("*.md.jinja"))
-    cards = sorted(policies.shelf(ROOT / POLICIES))
+    cards = sorted(policies.cards(ROOT / POLICIES))
     cards = [policies.INDEX, *cards] if cards else []
     documents = [*TOP, *(f"docs/{page}" for page in pages if page not in TOP)]
     return [*documents, *(f"{POLICIES}/{card}" for card in cards)]

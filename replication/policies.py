@@ -21,6 +21,7 @@ from srlrepro.storage.files import ResultError, beside, sha256
 from srlrepro.storage.made_of import MadeOf
 
 INDEX = "README.md"  # the card of the folder
+REGION = "region"  # how the name of a file with a region begins
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,12 @@ class Policy:
         return f"{self.name.rpartition('__')[0]}.md"
 
     @property
+    def order(self) -> tuple[bool, float, float]:
+        """By α, without a supervisor last, then by Δ."""
+        of = self.run.condition
+        return of.alpha is None, of.alpha or 0.0, of.delta
+
+    @property
     def numbers(self) -> int:
         """How many weights, biases and log σ it has."""
         return sum(part.size for part in (*self.arrays.weights, *self.arrays.biases, self.arrays.log_std))
@@ -76,7 +83,7 @@ class Region:
     @property
     def name(self) -> str:
         """The file's name without its suffix."""
-        return f"region__alpha_{alpha_text(self.made_of.alpha)}__data_{self.made_of.seed}"
+        return f"{REGION}__alpha_{alpha_text(self.made_of.alpha)}__data_{self.made_of.seed}"
 
     @property
     def card(self) -> str:
@@ -89,7 +96,7 @@ Stored = Policy | Region
 
 def stored(path: Path) -> Stored:
     """A policy or a region, by its file's name; `ResultError`: it is neither, or damaged."""
-    found: Stored = Region(path) if path.stem.startswith("region") else Policy(path)
+    found: Stored = Region(path) if path.stem.startswith(REGION) else Policy(path)
     _ = found.name
     return found
 
@@ -107,19 +114,21 @@ def take(paths: Iterable[Path], folder: Path) -> list[str]:
     return [item.name for item in found]
 
 
-def shelf(folder: Path) -> dict[str, list[Stored]]:
-    """{name of a card: what it tells of} for all files of a folder; empty without any.
-
-    Raises:
-        ResultError: a file is damaged, or holds something else than its name says.
-    """
-    cards: dict[str, list[Stored]] = {}
+def cards(folder: Path) -> dict[str, list[Path]]:
+    """{name of a card: the files that it tells of}, by their names, in a folder; empty without any."""
+    found: dict[str, list[Path]] = {}
     for path in sorted(folder.glob("*.npz")):
-        item = stored(path)
-        if item.name != path.stem:
-            raise ResultError(f"{path} holds {item.name}")
-        cards.setdefault(item.card, []).append(item)
-    return cards
+        name = path.stem if path.stem.startswith(REGION) else path.stem.rpartition("__")[0]
+        found.setdefault(f"{name}.md", []).append(path)
+    return found
+
+
+def read(path: Path) -> Stored:
+    """What is `stored` in a file; `ResultError`: it holds something else than its name says."""
+    item = stored(path)
+    if item.name != path.stem:
+        raise ResultError(f"{path} holds {item.name}")
+    return item
 
 
 def varied(values: dict[str, Any]) -> str:
@@ -132,30 +141,32 @@ def facts(folder: Path, card: str) -> tuple[str, dict[str, Any]]:
     """The template of a card, and what it takes.
 
     Raises:
-        ResultError: as `shelf`, or the seeds of a card were trained with different values or code.
+        ResultError: a file is damaged or holds something else than its name says, or the seeds of a card were
+            trained with different values or code.
     """
-    cards = shelf(folder)
+    paths = cards(folder)
     if card == INDEX:
-        items = [item for found in cards.values() for item in found]
-        policies = [item for item in items if isinstance(item, Policy)]
-        regions = [item for item in items if isinstance(item, Region)]
-        size = sum(item.path.stat().st_size for item in items)
-        return "index", {
-            "policies": policies,
-            "regions": regions,
-            "size": size,
-            "best": perfect_return(Config()),
+        items = [read(path) for found in paths.values() for path in found]
+        of = {
+            card: [item for item in items if isinstance(item, Policy) and item.card == card] for card in paths
         }
-    found = cards[card]
-    first = found[0]
+        groups = sorted(filter(None, of.values()), key=lambda group: group[0].order)
+        told: dict[str, Any] = {"groups": groups}
+        told |= {"regions": [item for item in items if isinstance(item, Region)]}
+        size = sum(item.path.stat().st_size for item in items)
+        return "index", told | {"size": size, "best": perfect_return(Config())}
+    items = [read(path) for path in paths[card]]
+    first = items[0]
     if isinstance(first, Region):
         return "region", {"item": first, "digest": sha256(first.path), "varied": varied(first.made_of.values)}
-    policies = [item for item in found if isinstance(item, Policy)]
+    policies = [item for item in items if isinstance(item, Policy)]
     same = ("config", "code", "steps_done")
     if any(item.arrays.record.get(n) != first.arrays.record.get(n) for item in policies for n in same):
         raise ResultError(f"{first.path.with_name(card)}: its seeds were not trained alike")
-    config = first.run.config
-    regions = [item for items in cards.values() for item in items if isinstance(item, Region)]
+    regions = [Region(path) for path in folder.glob(f"{REGION}*.npz")]
     told = {"items": policies, "regions": {item.region.digest(): item for item in regions}}
     told |= {"digests": {item.name: sha256(item.path) for item in policies}}
-    return "policy", told | {"varied": varied(config.as_dict()), "best": perfect_return(config)}
+    return "policy", told | {
+        "varied": varied(first.run.config.as_dict()),
+        "best": perfect_return(first.run.config),
+    }

@@ -68,7 +68,7 @@ def test_files_are_named_after_what_they_hold(folder: Path) -> None:
     ]
     (folder / "alpha_none__delta_1.5__seed_0.npz").rename(folder / "alpha_none__delta_4__seed_0.npz")
     with pytest.raises(ResultError, match=r"delta_4__seed_0\.npz holds alpha_none__delta_1.5__seed_0"):
-        policies.shelf(folder)
+        policies.facts(folder, "alpha_none__delta_4.md")
 
 
 def test_nothing_is_copied_if_one_file_is_none(
@@ -113,7 +113,7 @@ def test_seeds_that_were_trained_otherwise_share_no_card(folder: Path) -> None:
 
 
 def test_without_policies_there_is_no_card(tmp_path: Path) -> None:
-    assert policies.shelf(tmp_path / "nothing") == {}
+    assert policies.cards(tmp_path / "nothing") == {}
 
 
 @pytest.mark.skipif(not HELD, reason="this checkout holds no policies: ./reproduce.sh makes them")
