@@ -59,6 +59,14 @@ def beside(arguments: argparse.Namespace) -> None:
         print(table.to_string(index=False, float_format="{:.4g}".format, na_rep=""))
 
 
+def policies(arguments: argparse.Namespace) -> None:
+    """Copy final policies and regions into a folder, each under the name of what it holds."""
+    from replication.policies import take
+
+    names = take(arguments.files, arguments.out)
+    print(f"{len(names)} policies and regions: {arguments.out}")
+
+
 def documents(arguments: argparse.Namespace) -> None:
     """Render README, REPORT and the pages of docs/ that hold results."""
     from replication import documents
@@ -87,6 +95,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("second", metavar="NAME")
     sub.add_argument("--figure", default="fig3_abc_learning", help="without suffix")
     sub.add_argument("--out", type=path, required=True, help="picture to write (.png)")
+    text = "Copy final policies and regions into a folder, each under the name of what it holds."
+    sub = command("policies", policies, text)
+    sub.add_argument("files", type=path, nargs="+", metavar="FILE", help="policy.npz of a run, or region.npz")
+    sub.add_argument("--out", type=path, required=True, help="folder to write")
     sub = command("documents", documents, "Render README, REPORT and the pages of docs/ that hold results.")
     sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if one is stale")
     return parser

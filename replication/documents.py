@@ -1,7 +1,8 @@
-"""Documents from templates: README, REPORT and pages of docs/, in which every number comes from results.
+"""Documents from templates: README, REPORT, pages of docs/, cards. Every number in them comes from results.
 
-The document ``NAME`` is rendered from ``docs/templates/NAME.jinja``. Templates take what they tell from
-`Facts`, so that two documents that tell the same thing have it from the same place.
+The document ``NAME`` is rendered from ``docs/templates/NAME.jinja``; the cards of policies/, where there are
+policies, from ``docs/templates/cards``. Templates take what they tell from `Facts`, so that two documents
+that tell the same thing have it from the same place.
 """
 
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import jinja2
 
+from replication import policies
 from replication.digests import changed, write_digests
 from replication.evidence.verdicts import LONG, THREE
 from replication.facts import Facts
@@ -17,13 +19,17 @@ from srlrepro.storage.files import ResultError, beside
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, FIGURES = ROOT / "docs", ROOT / "figures"
 TEMPLATES = DOCS / "templates"
+POLICIES = "policies"  # the folder of policies and regions to take home
 TOP = ("README.md", "REPORT.md")  # the other documents lie in docs/
 
 
 def documents() -> list[str]:
-    """Paths of all documents in the repository, README and REPORT first."""
+    """Paths of all documents in the repository, README and REPORT first, cards last."""
     pages = sorted(path.stem for path in TEMPLATES.glob("*.md.jinja"))
-    return [*TOP, *(f"docs/{page}" for page in pages if page not in TOP)]
+    cards = sorted(policies.cards(ROOT / POLICIES))
+    cards = [policies.INDEX, *cards] if cards else []
+    documents = [*TOP, *(f"docs/{page}" for page in pages if page not in TOP)]
+    return [*documents, *(f"{POLICIES}/{card}" for card in cards)]
 
 
 def render(document: str, figures: Path = FIGURES) -> str:
@@ -35,7 +41,11 @@ def render(document: str, figures: Path = FIGURES) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template(f"{Path(document).name}.jinja").render(facts=Facts(ROOT, figures))
+    place = Path(document)
+    if place.parent.name == POLICIES:
+        card, told = policies.facts(ROOT / POLICIES, place.name)
+        return environment.get_template(f"cards/{card}.md.jinja").render(told)
+    return environment.get_template(f"{place.name}.jinja").render(facts=Facts(ROOT, figures))
 
 
 def stale() -> list[str]:

@@ -31,6 +31,7 @@ SECTIONS = {  # of the report: the measures whose claims stand there; those of a
 HOLDS, FAILS, BOTH, OPEN = "✓", "✗", "±", "○"  # signs of a claim at one Δ
 FIRST_TESTS = 20  # of claims.toml: fixed before any full training
 DRAWS = ("dataset", "learner")  # the choices of the multiverse that are none (multiverse.toml)
+EXPLORER = "docs/explorer.html"
 NEAREST = 3  # universes shown of those that come nearest to the paper's rates
 HALVED = 0.5
 SELDOM = 0.25  # share of the random universes up to which a claim holds seldom; often is 1 less this
@@ -163,6 +164,57 @@ class Facts:
             found = sorted((self.root / "notebooks/executed" / THREE).rglob(f"{entry['notebook']}.ipynb"))
             entry["executed"] = [path.relative_to(self.root).as_posix() for path in found]
         return table
+
+    def gallery(self) -> list[Row]:
+        """Every figure of ``docs/figures.toml`` that is there, in its order, of the set with most seeds.
+
+        Paths are from the repository: ``pictures``, the ``table`` that is drawn, a ``pdf``, the ``executed``
+        notebook, and ``elsewhere`` the picture of the paper's grid, if the first one is of more seeds. Where
+        there is no such file, it is empty. ``command`` makes the figure.
+        """
+        found = []
+        for name, entry in self.pictures.items():
+            sets = [entry["study"]] if "study" in entry else [self.grid, THREE]
+            places = {group: self._pictures(group, name) for group in sets}
+            groups = [group for group in sets if places[group]]
+            if not groups:
+                continue
+            group, options = groups[0], ["./reproduce.sh"]
+            options += [f"--{entry['study']}"] if "study" in entry else []
+            options += ["--seeds", group.removeprefix("seeds_")] if group.startswith("seeds_") else []
+            executed = (self.root / "notebooks/executed" / group).rglob(f"{entry['notebook']}.ipynb")
+            row = {"paper": "", "name": name} | entry | {"pictures": places[group]}
+            row |= {"executed": next((self._from_root(path) for path in sorted(executed)), "")}
+            beside = self.root / places[group][0]
+            for key, suffix in (("table", ".csv"), ("pdf", ".pdf")):
+                row[key] = self._from_root(path) if (path := beside.with_suffix(suffix)).exists() else ""
+            row["elsewhere"] = places[THREE][0] if group != THREE and THREE in groups else ""
+            found.append(row | {"command": " ".join([*options, "--only", name])})
+        return found
+
+    def _from_root(self, path: Path) -> str:
+        return path.relative_to(self.root).as_posix()
+
+    def _pictures(self, group: str, name: str) -> list[str]:
+        """Paths of a figure's pictures in a set: itself, a folder, or several that go on from its name."""
+        folder = self.figures / group
+        itself = [path for form in ("png", "gif") if (path := folder / f"{name}.{form}").exists()]
+        several = [p for p in sorted(folder.glob(f"{name}_*.png")) if p.stem not in self.pictures]
+        return [self._from_root(p) for p in itself or sorted((folder / name).glob("*.gif")) or several]
+
+    def has_page(self, name: str) -> bool:
+        """Whether docs/ has a page of this name."""
+        return (self.root / "docs" / f"{name}.md").exists()
+
+    @property
+    def has_policies(self) -> bool:
+        """Whether there are policies to take home."""
+        return any((self.root / "policies").glob("*.npz"))
+
+    @property
+    def explorer(self) -> str:
+        """Path of the page on which a reader can move a state; empty if it has not been made."""
+        return EXPLORER if (self.root / EXPLORER).exists() else ""
 
     def regions(self) -> list[Row]:
         """Per α: measures of the training data and the region that all runs use."""

@@ -32,7 +32,8 @@ PUBLIC = {  # name: the module that holds it
     "Supervisor": "srlrepro.supervisor",
     "CompiledPPO": "srlrepro.fast_ppo.ppo",
     "Run": "srlrepro.learner.training",
-    "load_policy": "srlrepro.learner.trials",
+    "TrainedPolicy": "srlrepro.learner.policy",
+    "load_policy": "srlrepro.learner.policy",
     "train": "srlrepro.learner.training",
 }
 __all__ = ["ENVIRONMENT", *PUBLIC]

@@ -7,6 +7,7 @@ The products of a run lie in one folder (`srlrepro.learner.training`); its measu
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -94,7 +95,11 @@ def read_run(place: str | Path) -> TrainedRun:
         ResultError: there is none, it is not of a training run, or it rests on another arithmetic.
     """
     path = Path(place) if Path(place).name == RECORD else Path(place, RECORD)
-    found = read_json(path)
+    return as_run(read_json(path), path)
+
+
+def as_run(found: Any, path: Path) -> TrainedRun:
+    """The run that a record, read from a path, tells of; `ResultError`: it is not of a training run."""
     try:
         run, config = found["run"], Config().with_values(**found["config"])
         lacking = config.as_dict().keys() - found["config"].keys()

@@ -6,7 +6,8 @@ The products of a run, in one folder:
 - ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
 - ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
   the distribution 𝒟 of Sec. III;
-- ``policy.zip``: the final policy, an archive of stable-baselines3; it has pickles, which nothing here reads;
+- ``policy.npz``: the actor of the final policy as plain arrays (`srlrepro.load_policy`);
+- ``policy.zip``: the whole learner, an archive of stable-baselines3 with pickles, which nothing here reads;
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.
 """
 
@@ -30,6 +31,7 @@ from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
 from srlrepro.learner.checkpoint import Progress, restore
+from srlrepro.learner.policy import TrainedPolicy, record_of
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, Report, count, learning_curve
 from srlrepro.learner.trials import evaluate
 from srlrepro.pins import ARITHMETIC
@@ -176,6 +178,7 @@ def train(
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     _write_policy(folder / "policy.zip", model)
+    TrainedPolicy.of(model, record_of(result)).save(folder / "policy.npz")
     files.write_json(folder / "run.json", result)
     if checkpoint is not None:
         files.remove(checkpoint)

@@ -1,24 +1,26 @@
 """Trials, step by step: what π does, where the supervisor steps in, and how K fares."""
 
-import io
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, target
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.storage.files import ResultError, bounded_archive, check_unpacked
 from srlrepro.supervisor import Supervisor
 
 Actor = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # an action [3] from an observation [8]
+
+
+class Predictor(Protocol):
+    """A policy: a learner of stable-baselines3, a `TrainedPolicy`, or anything else that predicts actions."""
+
+    def predict(self, observation: NDArray[np.float32], *, deterministic: bool = ...) -> tuple[Any, Any]:
+        """The action [3] of an observation [8], and a state of its own."""
 
 
 class Transition(NamedTuple):
@@ -72,32 +74,7 @@ class Trial:
     outcome: str
 
 
-def load_policy(path: Path, learner: BaseAlgorithm) -> BaseAlgorithm:
-    """Read the policy of a run into a learner of the same kind, and return this.
-
-    stable-baselines3's own ``load`` unpickles, and a pickle can run any code. Only the tensors are read
-    here, by torch's reader of plain weights.
-
-    Raises:
-        ResultError: the archive is missing, too large, damaged, or of another kind of policy.
-    """
-    bounded_archive(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for part in (name for name in archive.namelist() if name.endswith(".pth")):
-                with zipfile.ZipFile(io.BytesIO(archive.read(part))) as tensors:
-                    check_unpacked(tensors, path)
-        learner.set_parameters(str(path), device="cpu")
-        if not all(np.isfinite(value.numpy()).all() for value in learner.policy.state_dict().values()):
-            raise ResultError(f"{path} holds a policy with numbers that are not finite")
-    except ResultError:
-        raise
-    except Exception as error:  # torch raises a dozen kinds
-        raise ResultError(f"{path} is truncated or holds no such policy") from error
-    return learner
-
-
-def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool) -> Trial:
+def run_trial(model: Predictor, env: gym.Env[Any, Any], deterministic: bool) -> Trial:
     """One trial of a policy from the origin, with the recovery by K if there was one.
 
     deterministic: π takes its mean actions, else it draws them.
@@ -120,7 +97,7 @@ def run_trial(model: BaseAlgorithm, env: gym.Env[Any, Any], deterministic: bool)
     return Trial(task.pendulum.joints(np.array(states)), circle, supervised, total, steps, outcome)
 
 
-def evaluate(model: BaseAlgorithm, env: gym.Env[Any, Any]) -> dict[str, Any]:
+def evaluate(model: Predictor, env: gym.Env[Any, Any]) -> dict[str, Any]:
     """One trial with the policy's mean action; task and policy are deterministic, so one says it all.
 
     Returns:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plans import planned
 
 from replication.documents import DOCS, FIGURES, ROOT
 from replication.evidence.claims import VERDICTS, load_claims
@@ -221,3 +222,32 @@ def test_computing_takes_times_from_results(tmp_path: Path) -> None:
     assert not table["multiverse"]["ran"] and table["multiverse"]["core_hours"] is None
     first = table["first full grid, three seeds"]
     assert first["most"] == pytest.approx(first["minutes"] * first["cores"] / 60)
+
+
+def test_every_figure_is_shown_with_where_it_comes_from() -> None:
+    rows = KEPT.gallery()
+    named = tomllib.loads((DOCS / "figures.toml").read_text(encoding="utf-8"))
+    assert [row["name"] for row in rows] == list(named)
+    for row in rows:
+        for place in [
+            *row["pictures"],
+            *filter(None, (row[key] for key in ("executed", "table", "pdf", "elsewhere"))),
+        ]:
+            assert (ROOT / place).is_file(), place
+        assert row["executed"].endswith(f"{row['notebook']}.ipynb")
+        assert Path(row["pictures"][0]).parts[1] in Path(row["executed"]).parts
+        plan = planned(*row["command"].split()[1:])  # refuses a figure that it cannot make
+        assert plan["only"] == row["notebook"] and plan["name"] in row["executed"]
+    by_name = {row["name"]: row for row in rows}
+    assert len(by_name["behaviour"]["pictures"]) == 12 and len(by_name["reliability"]["pictures"]) == 1
+    assert by_name["fig3_def_counts"]["elsewhere"] == "figures/full/fig3_def_counts.png"
+
+
+def test_what_has_not_been_made_is_not_named(tmp_path: Path) -> None:
+    empty = Facts(tmp_path, FIGURES)
+    assert not empty.has_page("check") and not empty.has_policies and empty.explorer == ""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "policies").mkdir()
+    for name in ("docs/check.md", "docs/explorer.html", "policies/a.npz"):
+        (tmp_path / name).touch()
+    assert empty.has_page("check") and empty.has_policies and empty.explorer == "docs/explorer.html"

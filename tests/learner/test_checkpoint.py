@@ -125,7 +125,7 @@ def test_a_truncated_checkpoint_is_refused(share: float, tmp_path: Path) -> None
 
 
 def test_a_foreign_checkpoint_is_refused(tmp_path: Path, whole: dict[str, Path]) -> None:
-    for name in ("policy.zip", "visited.npz", "trials.csv"):
+    for name in ("policy.npz", "policy.zip", "visited.npz", "trials.csv"):
         with pytest.raises(ResultError, match=f"not a {FORMAT} file: delete it"):
             FREE.train(tmp_path, whole[FREE.name] / name)
 

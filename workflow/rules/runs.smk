@@ -10,7 +10,8 @@ rule training_run:
         run=f"{RESULTS}/runs/{RUN}/run.json",
         trials=f"{RESULTS}/runs/{RUN}/trials.csv",
         curve=f"{RESULTS}/runs/{RUN}/curve.csv",
-        policy=f"{RESULTS}/runs/{RUN}/policy.zip",
+        policy=f"{RESULTS}/runs/{RUN}/policy.npz",
+        learner=f"{RESULTS}/runs/{RUN}/policy.zip",
         visited=f"{RESULTS}/runs/{RUN}/visited.npz",
     priority: SECOND
     params:
@@ -76,10 +77,24 @@ rule activations_and_failures:
         execute("07_activations_and_failures")
 
 
+rule policies:
+    input:
+        command("replication", "replication/policies.py"),
+        policies=expand(f"{RESULTS}/runs/{{run}}/policy.npz", run=TAKEN_RUNS),
+        regions=expand(f"{RESULTS}/data_{{data}}/alpha_{{alpha}}/region.npz", data=TAKEN_DATA, alpha=REGIONS),
+    output:
+        expand(f"{TAKEN}/{{run}}.npz", run=TAKEN_RUNS),
+        expand(f"{TAKEN}/region__alpha_{{alpha}}__data_{{data}}.npz", data=TAKEN_DATA, alpha=REGIONS),
+    params:
+        values=config["values"],
+    shell:
+        f"{PYTHON} -m replication policies {{input.policies:q}} {{input.regions:q}} --out {shlex.quote(TAKEN)}"
+
+
 rule behaviour:
     input:
         notebook("11_behaviour"),
-        expand(f"{RESULTS}/runs/{{run}}/policy.zip", run=SHOWN),
+        expand(f"{RESULTS}/runs/{{run}}/policy.npz", run=SHOWN),
     output:
         notebook=f"{DRAWN}/11_behaviour.ipynb",
         animations=expand(f"{PICTURES}/behaviour/alpha_{{alpha}}__delta_{{delta}}.gif", alpha=ALPHAS, delta=[f"{d:g}" for d in DELTAS]),
