@@ -67,6 +67,14 @@ def policies(arguments: argparse.Namespace) -> None:
     print(f"{len(names)} policies and regions: {arguments.out}")
 
 
+def explorer(arguments: argparse.Namespace) -> None:
+    """Make the page in which a reader moves a state, and sees what the supervisor thinks of it."""
+    from replication.explorer import build
+
+    build.write(arguments.out, build.collect(arguments.policies, arguments.figures))
+    print(f"{arguments.out.stat().st_size / 1e6:.2f} MB: {arguments.out}")
+
+
 def documents(arguments: argparse.Namespace) -> None:
     """Render README, REPORT and the pages of docs/ that hold results."""
     from replication import documents
@@ -99,6 +107,12 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("policies", policies, text)
     sub.add_argument("files", type=path, nargs="+", metavar="FILE", help="policy.npz of a run, or region.npz")
     sub.add_argument("--out", type=path, required=True, help="folder to write")
+    text = "Make the page in which a reader moves a state, and sees what the supervisor thinks of it."
+    sub = command("explorer", explorer, text)
+    sub.add_argument("--policies", type=path, default="policies", help="folder of policies and regions")
+    figures = "folder with the tables of Fig. 3 (default: %(default)s)"
+    sub.add_argument("--figures", type=path, default="figures/seeds_10", help=figures)
+    sub.add_argument("--out", type=path, default="docs/explorer.html", help="page to write (%(default)s)")
     sub = command("documents", documents, "Render README, REPORT and the pages of docs/ that hold results.")
     sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if one is stale")
     return parser
