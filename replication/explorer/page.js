@@ -248,10 +248,9 @@
     if (gammaKey !== slice.gammaKey) Object.assign(slice, { gammaKey, gammaAt: 0, painted: false });
     if (labelKey !== slice.labelKey) Object.assign(slice, { labelKey, labelAt: 0, painted: false, known: 0 });
     const until = performance.now() + budget, x = Float64Array.from(view.x), s = system(view.delta), g = gamma(), r = region();
-    const at = ({ i, j, stride }) => {
-      const shift = stride / 2;
-      x[a] = high[a] * ((2 * (i + shift)) / CELLS - 1);
-      x[b] = high[b] * ((2 * (j + shift)) / CELLS - 1);
+    const at = ({ i, j }) => { // the centre of the smallest cell: what is filled coarsely stands for it in the end
+      x[a] = high[a] * ((2 * (i + 0.5)) / CELLS - 1);
+      x[b] = high[b] * ((2 * (j + 0.5)) / CELLS - 1);
       return x;
     };
     const fill = (array, { i, j, stride }, value) => { for (let p = i; p < i + stride; p++) array.fill(value, p * CELLS + j, p * CELLS + j + stride); };
@@ -452,7 +451,7 @@
 
   // ---- the strip: from which mass mismatch on K fails
 
-  const strip = { key: "", labels: [], painted: "" };
+  const strip = { key: "", labels: [], shown: [], painted: "" };
   function workStrip(budget) {
     const key = view.x.join();
     if (key !== strip.key) Object.assign(strip, { key, labels: [] });
@@ -462,12 +461,14 @@
   }
   function drawStrip() {
     const { context: c, width, height } = canvases.strip, thumb = 16, count = data.deltas.length, cell = (width - thumb) / (count - 1);
-    if (strip.labels.length < count) return;
-    const key = strip.labels.join("");
+    const done = strip.labels.length === count && strip.key === view.x.join();
+    if (done) strip.shown = strip.labels.slice();
+    const key = done + strip.shown.join(""); // pale while it is of an earlier state
     if (key === strip.painted) return;
     strip.painted = key;
     c.clearRect(0, 0, width, height);
-    strip.labels.forEach((l, i) => {
+    c.globalAlpha = done ? 1 : 0.3;
+    strip.shown.forEach((l, i) => {
       c.fillStyle = l ? ink.safe : ink.unsafe;
       const left = i ? thumb / 2 + (i - 0.5) * cell : 0, right = i < count - 1 ? thumb / 2 + (i + 0.5) * cell : width;
       c.fillRect(left, 0, right - left + 0.5, height);
@@ -507,21 +508,22 @@
         const c = panel.curves[alpha], on = alpha === lit;
         if (!c) return "";
         const band = on ? `<polygon points="${route(c, "low").concat(route(c, "high").reverse()).join(" ")}" style="fill:${colour(alpha)}" opacity="0.2"/>` : "";
-        return `${band}<polyline points="${route(c, "mean").join(" ")}" fill="none" style="stroke:${colour(alpha)}" stroke-width="${on ? 2.6 : 1.2}" opacity="${on ? 1 : 0.45}"/>`;
+        return `${band}<polyline points="${route(c, "mean").join(" ")}" fill="none" style="stroke:${colour(alpha)}" stroke-width="${on ? 2.6 : 1.2}" opacity="${on ? 1 : 0.6}"/>`;
       }).join("");
       const most = Math.max(...Object.values(panel.counts).flatMap((c) => [c.activations.mean, c.failures.mean, c.falls.mean])), names = Object.keys(panel.counts).sort();
       const slot = (w - box.left - box.right) / names.length, by = (v) => base - (v / most) * (base - split - 14);
       const bars = names.map((alpha, i) => {
         const c = panel.counts[alpha], on = alpha === lit, left = box.left + slot * i + 0.2 * slot, wide = 0.3 * slot;
         const pair = alpha === "none" ? [[c.falls.mean, 0.55]] : [[c.activations.mean, 1], [c.failures.mean, 0.55]];
-        const rect = pair.map(([v, dark], j) => `<rect x="${left + (alpha === "none" ? 0.5 : j) * wide}" y="${by(v)}" width="${wide - 2}" height="${base - by(v)}" style="fill:color-mix(in srgb, ${colour(alpha)} ${100 * dark}%, ${dark < 1 ? "black" : "white"})" opacity="${on ? 1 : 0.4}"/>`).join("");
+        const rect = pair.map(([v, dark], j) => `<rect x="${left + (alpha === "none" ? 0.5 : j) * wide}" y="${by(v)}" width="${wide - 2}" height="${base - by(v)}" style="fill:color-mix(in srgb, ${colour(alpha)} ${100 * dark}%, var(--text))" opacity="${on ? 1 : 0.5}"/>`).join("");
         const rise = by(pair.length > 1 ? pair[1][0] : pair[0][0]) - 4, value = pair.at(-1)[0];
-        return `${rect}<text x="${left + (alpha === "none" ? wide : 1.5 * wide)}" y="${rise}" text-anchor="middle" opacity="${on ? 1 : 0.7}">${value < 10 ? value.toFixed(1) : value.toFixed(0)}</text><text x="${left + wide}" y="${base + 15}" text-anchor="middle"${on ? ' style="fill:var(--text);font-weight:650"' : ""}>${conditionName(alpha).replace("no supervisor", "none")}</text>`;
+        return `${rect}<text x="${left + (alpha === "none" ? wide : 1.5 * wide)}" y="${rise}" text-anchor="middle" ${on ? ' style="fill:var(--text)"' : ""}>${value < 10 ? value.toFixed(1) : value.toFixed(0)}</text><text x="${left + wide}" y="${base + 15}" text-anchor="middle"${on ? ' style="fill:var(--text);font-weight:650"' : ""}>${conditionName(alpha).replace("no supervisor", "none")}</text>`;
       }).join("");
       const grid = [800, 400, 0, -400].map((v) => `<line x1="${box.left}" x2="${w - box.right}" y1="${py(v)}" y2="${py(v)}" style="stroke:var(--rule)"/><text x="${box.left - 6}" y="${py(v) + 4}" text-anchor="end">${String(v).replace("-", "−")}</text>`).join("");
       const steps = [0, 0.5, 1].map((part) => `<text x="${px(part * end)}" y="${split - 2}" text-anchor="${["start", "middle", "end"][2 * part]}">${part ? `${((part * end) / 1e6).toFixed(2)} M steps` : 0}</text>`).join("");
       const count = `<line x1="${box.left}" x2="${w - box.right}" y1="${base}" y2="${base}" style="stroke:var(--quiet)"/><text x="${box.left - 6}" y="${by(most) + 4}" text-anchor="end">${(most / 1000).toFixed(0)}k</text><text x="${box.left - 6}" y="${base + 1}" text-anchor="end">0</text>`;
-      return `<button type="button" data-delta="${panel.delta}" aria-pressed="${panel === nearest}"><strong>Δ = ${panel.delta}</strong><svg viewBox="0 0 ${w} ${h}" role="img" aria-label="Learning curves and counts at Δ = ${panel.delta}">${grid}${lines}${steps}${count}${bars}</svg></button>`;
+      const titles = `<text x="${w - box.right}" y="${py(low) - 6}" text-anchor="end">mean return</text><text x="${w - box.right}" y="${split + 14}" text-anchor="end">how often</text>`;
+      return `<button type="button" data-delta="${panel.delta}" aria-pressed="${panel === nearest}"><strong>Δ = ${panel.delta}</strong><svg viewBox="0 0 ${w} ${h}" role="img" aria-label="Learning curves and counts at Δ = ${panel.delta}">${grid}${lines}${steps}${count}${bars}${titles}</svg></button>`;
     }).join("");
     find("fig3-key").innerHTML = Object.keys(panels[0].curves).sort().map((alpha) => `<button type="button" data-alpha="${alpha}" aria-pressed="${alpha === lit}"><i class="line" style="background:${colour(alpha)}"></i>${conditionName(alpha)}</button>`).join("");
     find("fig3-seeds").textContent = `${seeds} seeds`;
@@ -717,7 +719,7 @@
     if (view.playing) goOn(clock);
     if (pending.trial) { pending.trial = false; makeTrial(); }
     const busy = clock - moved < 120, ghostly = !calm.matches && !view.playing && now.real?.periods > 0 && clock - moved > 250;
-    if (!busy || !view.playing) work(busy ? BUSY : IDLE);
+    work(busy ? BUSY : IDLE);
     if (!busy) workStrip(BUSY);
     if (pending.scores && !busy) { pending.scores = false; drawScores(); }
     if (pending.figure && !busy) { pending.figure = false; drawFigure(); }

@@ -1,23 +1,30 @@
 """The page in a browser: it draws, answers to mouse, touch and keys, and says nothing to the console."""
 
 import itertools
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browser import CHROMIUM, Page, chromium
+from learned import Learned
+
+from replication.plots import style
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.settings.config import Config
 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is not installed: the page cannot be shown"
 )
 
 SIZES = {"desk": (1280, 900), "phone": (390, 844)}
+CELLS, STRENGTHS = 48, (62, 235)  # per side of the picture around x; opacity where h is 0, and 1
+MARGINS = (34, 4, 4, 30)  # px left, above, right and below it
 PICTURES = ("pendulum", "plane", "slice", "timeline")
-SMOOTH = (
-    34  # ms, median between two pictures while dragging: 60 a second where the machine is free, and half here
-)
+SMOOTH = 34  # ms, median between two pictures while dragging: a free machine shows 60 a second
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +118,33 @@ def test_the_point_is_dragged_smoothly(tab: Page, page: Path) -> None:
     assert text(tab, "verdict").startswith("h(x) = 0") and "l(x) = 0" in text(tab, "verdict")
     assert gaps[len(gaps) // 2] < SMOOTH
     assert tab.complaints == []
+
+
+def test_the_picture_around_x_is_the_packages(
+    tab: Page, page: Path, small: Learned, small_config: Config
+) -> None:
+    """Colour and strength of its cells are l(x) and h(x), but where lines are drawn over them."""
+    tab.open(page, *SIZES["desk"])
+    tab.run("document.getElementById('upright').click()")
+    before = ""
+    while before != (before := tab.run("document.getElementById('slice').toDataURL()")):
+        settle(tab, 1500)
+    left, top, width, height = MARGINS[0], MARGINS[1], *box(tab, "slice")[2:]
+    width, height = width - left - MARGINS[2], height - top - MARGINS[3]
+    part = (np.arange(CELLS) + 0.5) / CELLS
+    places = [(round(left + width * a), round(top + height * (1 - b))) for a in part for b in part]
+    code = f"const c = document.getElementById('slice').getContext('2d'); return {json.dumps(places)}"
+    seen = np.array(tab.run(f"(() => {{ {code}.map((p) => [...c.getImageData(...p, 1, 1).data]); }})()"))
+    hues = np.array([[int(h[i : i + 2], 16) for i in (1, 3, 5)] for h in (style.UNSAFE, style.SAFE)])
+    kinds = np.array([[*hue, strength] for strength in STRENGTHS for hue in hues])
+    distance = np.abs(seen[:, None] - kinds).max(axis=2)
+    clear = distance.min(axis=1) <= 6
+    x = np.zeros((CELLS**2, 6))
+    x[:, 0], x[:, 3] = np.array([(a, b) for a in 2 * part - 1 for b in 2 * part - 1]).T
+    x *= small_config.paper.state_max
+    l, h = ClosedLoop.from_config(small_config, 1.5).predict(x), small[1].predict(x)
+    assert clear.mean() > 0.75 and set(h[clear]) == set(l[clear]) == {0, 1}
+    np.testing.assert_array_equal(distance.argmin(axis=1)[clear], (2 * h + l)[clear])
 
 
 def test_a_joint_is_dragged(tab: Page, page: Path) -> None:
