@@ -470,8 +470,8 @@
     c.globalAlpha = done ? 1 : 0.3;
     strip.shown.forEach((l, i) => {
       c.fillStyle = l ? ink.safe : ink.unsafe;
-      const left = i ? thumb / 2 + (i - 0.5) * cell : 0, right = i < count - 1 ? thumb / 2 + (i + 0.5) * cell : width;
-      c.fillRect(left, 0, right - left + 0.5, height);
+      const left = i ? Math.round(thumb / 2 + (i - 0.5) * cell) : 0, right = i < count - 1 ? Math.round(thumb / 2 + (i + 0.5) * cell) : width;
+      c.fillRect(left, 0, right - left, height);
     });
   }
 
