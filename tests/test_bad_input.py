@@ -238,12 +238,12 @@ COMMANDS: list[Command] = [  # a command line without the options that vary, and
     (replication, ["beside", "full", "--out=x.png"], ["NAME"]),
     (srlrepro, ["choices"], ["extra"]),
     (replication, ["documents", "--check"], ["extra"]),
-    (replication, ["explorer", "--out=x.html"], ["--policies", "--figures"]),
+    (replication, ["explorer", "--out=x.html"], ["--policies"]),
     (srlrepro, [], ["COMMAND"]),
 ]
 FILES = (
     *("FIGURE", "MEASURES", "--data", "--region", "NOTEBOOK x.ipynb", "NOTEBOOKS", "--parameters", "OUTPUT"),
-    *("--out", "RUN", "--policies", "--figures"),
+    *("--out", "RUN", "--policies"),
 )
 VARIED = st.sampled_from([(main, line, option) for main, line, options in COMMANDS for option in options])
 
