@@ -56,8 +56,8 @@ def make(folder: Path, long: bool = False) -> dict[str, str]:
     from replication.evidence.measures import measure_run, write_measures
     from replication.evidence.results import TrainedRun, read_run
     from srlrepro.dynamics.lqg import LQG
-    from srlrepro.learner.training import Run, make_env, make_learner, train
-    from srlrepro.learner.trials import load_policy
+    from srlrepro.learner.policy import load_policy
+    from srlrepro.learner.training import Run, train
     from srlrepro.region.safe_region import learn_region
     from srlrepro.samplers import generate
     from srlrepro.settings.config import Config
@@ -84,8 +84,8 @@ def make(folder: Path, long: bool = False) -> dict[str, str]:
             content = (place / f"{table}.csv").read_bytes()
             found[f"{table} {run.alpha_text}"] = hashlib.sha256(content).hexdigest()
         found[f"visited {run.alpha_text}"] = digest(trained.visited())
-        learner = load_policy(place / "policy.zip", make_learner(make_env(run, config, region), config, SEED))
-        found[f"policy {run.alpha_text}"] = digest(*(v.numpy() for v in learner.policy.state_dict().values()))
+        policy = load_policy(place / "policy.npz")
+        found[f"policy {run.alpha_text}"] = digest(*policy.weights, *policy.biases, policy.log_std)
     return found
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from replication.evidence.results import require_same
 from replication.explorer.equations import motion
 from replication.plots import style
-from replication.policies import Policy, Region, shelf
+from replication.policies import Policy, Region, cards, read
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.policy import TrainedPolicy
 from srlrepro.region.mapping import FAR
@@ -185,7 +185,7 @@ def collect(folder: Path, figures: Path) -> dict[str, Any]:
         ResultError: there are no regions or no policies, a policy was trained with other values than the
             first one, or a file is missing or damaged.
     """
-    items = [item for card in shelf(folder).values() for item in card]
+    items = [read(path) for paths in cards(folder).values() for path in paths]
     regions = [item for item in items if isinstance(item, Region)]
     policies = [item for item in items if isinstance(item, Policy)]
     for name, found in (("regions", regions), ("policies", policies)):
