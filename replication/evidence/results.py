@@ -78,7 +78,7 @@ class TrainedRun:
         return read_table(self.folder / "curve.csv", ("step", "mean_return", "mean_length"))
 
     def visited(self) -> Floats:
-        """States [N, 6] that the learner's steps reached, rad and rad/s, in their order."""
+        """States [N, 2n] that the learner's steps reached, rad and rad/s, in their order."""
         return np.asarray(read_arrays(self.folder / "visited.npz", VISITED_FORMAT, ("x",))["x"], np.float64)
 
 

@@ -32,10 +32,10 @@ from srlrepro.supervisor import Supervisor
 class Experience:
     """What a learner has seen of the real system; states are in rad and rad/s."""
 
-    x: Floats  # [N, 6] at the start of a control period
-    actions: Floats  # [N, 3] of π, in units of ``action_unit``
-    following: Floats  # [N, 6] at the end of the control period
-    activated: Floats  # [M, 6] states in which K was activated
+    x: Floats  # [N, 2n] at the start of a control period
+    actions: Floats  # [N, n] of π, in units of ``action_unit``
+    following: Floats  # [N, 2n] at the end of the control period
+    activated: Floats  # [M, 2n] states in which K was activated
     safe: Labels  # [M] whether it recovered the system
     times: Floats  # [M] s, until the outcome
 
@@ -45,7 +45,7 @@ def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: 
     check(trials >= 1, "trials", trials, "a whole number in [1, inf)")
     loop = ClosedLoop.from_config(config)
     env = Supervisor(ThreeLinkCircleEnv(delta, config=config), region, loop.controller)
-    task, policy = env.task, untrained(rng, config.choices.log_std_init)
+    task, policy = env.task, untrained(rng, config.choices.log_std_init, config.paper.links)
     steps: list[Transition] = []
     activated, outcomes, times = [], [], []
     for _ in range(trials):
@@ -55,12 +55,12 @@ def explore(delta: float, region: Hypothesis, config: Config, trials: int, rng: 
             outcomes.append(env.recovery.labels[0])
             times.append(env.recovery.durations[0])
     x, actions, _, following, _ = zip(*steps, strict=True)
-    of_k = np.array(activated).reshape(-1, 6), np.array(outcomes, int), np.array(times)
+    of_k = np.array(activated).reshape(-1, task.state.size), np.array(outcomes, int), np.array(times)
     return Experience(np.array(x), np.array(actions), np.array(following), *of_k)
 
 
 def predict(experience: Experience, config: Config) -> Floats:
-    """x̂_{t+1} [N, 6]: each transition on the nominal model."""
+    """x̂_{t+1} [N, 2n]: each transition on the nominal model."""
     nominal, predicted = ThreeLinkCircleEnv(1.0, config=config), []
     for x, action in zip(experience.x, experience.actions, strict=True):
         nominal.reset(options={"state": x})

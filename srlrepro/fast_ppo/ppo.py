@@ -118,7 +118,8 @@ class CompiledPPO(PPO):
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
-        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.views()
+        task, (learner, policy, _) = stack.task, self.views()
+        steps = blank(n_rollout_steps, task.pendulum.links)
         # with a stride, torch draws one number after the other, as it does for one action at a time
         noise = torch.empty(*steps.actions.shape, 2)[..., 0].normal_().contiguous().numpy()
         x = task.state.copy()

@@ -29,7 +29,7 @@ class Progress:
     """What a training has recorded so far."""
 
     trials: list[dict[str, Any]] = field(default_factory=list)
-    visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [6] in rad and rad/s
+    visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [2n] in rad and rad/s
     seconds: float = 0.0  # that the training has taken, over all its sittings
 
 
@@ -54,7 +54,7 @@ def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[st
         torch_rng=torch.get_rng_state().numpy(),
         numpy_keys=keys,
         state=task.state,
-        visited=np.array(progress.visited, np.float32).reshape(-1, 6),
+        visited=np.array(progress.visited, np.float32).reshape(-1, task.state.size),
     )
     rest = {
         "identity": identity,

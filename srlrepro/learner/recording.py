@@ -70,7 +70,7 @@ class Recorder(BaseCallback):
         for info, observation in zip(self.locals["infos"], self.locals["new_obs"], strict=True):
             if self.num_timesteps % self.stride == 0:
                 reached = info.get("terminal_observation", observation)
-                self.progress.visited.append(reached[:6] * self.scale)
+                self.progress.visited.append(reached[: self.scale.size] * self.scale)
             if "episode" in info:
                 total, length = info["episode"]["r"], info["episode"]["l"]
                 trial = QUIET | info | {"step": self.num_timesteps, "length": length, "return": total}

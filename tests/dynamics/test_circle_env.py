@@ -16,7 +16,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_lear
 import srlrepro  # noqa: F401  (registers the task)
 from srlrepro.dynamics import rendering
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, advance, observe, perfect_return, target
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, rk4_step
+from srlrepro.dynamics.pendulum import Floats, Pendulum, rk4_step
 from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.settings.config import Config
 
@@ -51,7 +51,7 @@ def test_the_task_is_registered_with_its_parameters() -> None:
     env = gym.make("srlrepro/ThreeLinkCircle-v0", delta=1.5, trial_length=1.0)
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
-    assert task.pendulum == ThreeLinkPendulum(1.5)
+    assert task.pendulum == Pendulum(1.5)
     env.reset(seed=0)
     ends = [env.step(IDLE)[3] for _ in range(round(1.0 / task.rule.control_period))]
     assert ends == [False] * (len(ends) - 1) + [True]

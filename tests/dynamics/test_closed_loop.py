@@ -24,7 +24,7 @@ from srlrepro.dynamics.closed_loop import (
     recover,
 )
 from srlrepro.dynamics.lqg import LQG
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, derivative
+from srlrepro.dynamics.pendulum import Floats, Pendulum, derivative
 from srlrepro.settings.config import Config
 
 DELTAS = (1.0, 1.1, 1.5, 4.0)
@@ -32,7 +32,7 @@ Draw = Callable[..., Floats]
 
 
 def loop(delta: float = 1.0, **rule: float) -> ClosedLoop:
-    return ClosedLoop(ThreeLinkPendulum(delta), LQG(), replace(RecoveryRule(), **rule))
+    return ClosedLoop(Pendulum(delta), LQG(), replace(RecoveryRule(), **rule))
 
 
 @pytest.mark.parametrize("delta", DELTAS)
@@ -175,8 +175,9 @@ def test_a_recovery_that_takes_too_long_is_none() -> None:
 
 def test_a_configuration_reaches_every_part() -> None:
     config = Config().with_values(
-        link_mass=1.2,
-        link_length=0.9,
+        links=2,
+        mass=1.2,
+        length=0.9,
         gravity=9.0,
         control_period=0.02,
         lqr_angle_weight=90.0,
@@ -194,7 +195,7 @@ def test_a_configuration_reaches_every_part() -> None:
         rate_bound=200.0,
     )
     closed = ClosedLoop.from_config(config, 1.5)
-    nominal = ThreeLinkPendulum(1.0, 1.2, 0.9, 9.0)
+    nominal = Pendulum(1.0, 2, 1.2, 0.9, 9.0)
     assert closed.system == replace(nominal, delta=1.5)
     assert closed.controller == LQG(nominal, 0.02, 90.0, 2.0, 0.02, 9.0, 0.002, 0.03, 80.0)
     assert closed.rule == RecoveryRule(0.02, 5, 3.0, 1.4, 0.2, 0.4, 200.0)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from srlrepro.dynamics.lqg import LQG, lqg_update
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
+from srlrepro.dynamics.pendulum import Floats, Pendulum
 
 CONTROLLERS = [LQG(), LQG(control_period=0.02, lqr_angle_weight=1.0, lqr_torque_weight=0.1, torque_noise=1.0)]
 DELTAS = (1.0, 1.1, 1.5, 4.0)
@@ -63,7 +63,7 @@ def test_gains_satisfy_both_riccati_equations(k: LQG) -> None:
 @pytest.mark.parametrize("delta", DELTAS)
 def test_sampling_is_the_matrix_exponential(delta: float) -> None:
     """Under zero-order hold (x, u) obeys one linear differential equation."""
-    k, system = LQG(), ThreeLinkPendulum(delta)
+    k, system = LQG(), Pendulum(delta)
     a, b = system.linearize()
     both = expm(k.control_period * np.vstack([np.hstack([a, b]), np.zeros((3, 9))]))
     for found, expected in zip(k.sampled(system), (both[:6, :6], both[:6, 6:]), strict=True):
@@ -94,11 +94,11 @@ def test_regulator_and_filter_separate() -> None:
 
 @pytest.mark.parametrize("delta", DELTAS)
 def test_upright_is_stable_for_every_mismatch(delta: float) -> None:
-    assert LQG().spectral_radius(ThreeLinkPendulum(delta)) < 1.0
+    assert LQG().spectral_radius(Pendulum(delta)) < 1.0
 
 
 def test_a_weak_regulator_loses_the_heavy_system() -> None:
-    assert LQG(lqr_angle_weight=1.0).spectral_radius(ThreeLinkPendulum(4.0)) > 1.0
+    assert LQG(lqr_angle_weight=1.0).spectral_radius(Pendulum(4.0)) > 1.0
 
 
 @pytest.mark.parametrize("update", [lqg_update, lqg_update.py_func], ids=["compiled", "source"])
@@ -120,7 +120,7 @@ def test_update_filters_saturates_and_predicts_with_the_saturated_torque(
 @pytest.mark.parametrize("delta", DELTAS)
 def test_closed_loop_is_one_period_of_the_update(delta: float, rng: np.random.Generator) -> None:
     """Near upright, where nothing saturates."""
-    k, system, u = LQG(), ThreeLinkPendulum(delta), np.empty(3)
+    k, system, u = LQG(), Pendulum(delta), np.empty(3)
     a, b = k.sampled(system)
     x, xbar = 1e-3 * rng.normal(size=(2, 6))
     after = k.closed_loop(system) @ np.concatenate([x, xbar])
@@ -138,4 +138,4 @@ def test_torques_never_exceed_the_limit(draw: Callable[..., Floats]) -> None:
 
 def test_the_controller_of_a_real_system_is_refused() -> None:
     with pytest.raises(ValueError, match=r"nominal.delta = 1.1"):
-        LQG(nominal=ThreeLinkPendulum(1.1))
+        LQG(nominal=Pendulum(1.1))

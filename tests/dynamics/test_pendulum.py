@@ -18,15 +18,15 @@ from numba import njit
 from sympy.physics import mechanics
 
 from srlrepro.dynamics import pendulum
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, derivative, rk4_step, tip
+from srlrepro.dynamics.pendulum import Floats, Pendulum, derivative, rk4_step, tip
 from srlrepro.settings.fields import ParameterError
 
 DELTAS = (0.3, 1.0, 1.1, 1.5, 4.0)
-SYSTEMS = [ThreeLinkPendulum(delta) for delta in DELTAS] + [ThreeLinkPendulum(1.5, 0.7, 0.4, 3.7)]
+SYSTEMS = [Pendulum(delta) for delta in DELTAS] + [Pendulum(1.5, 0.7, 0.4, 3.7)]
 Draw = Callable[..., Floats]
 
 
-def acceleration(system: ThreeLinkPendulum, x: Floats, u: Floats) -> Floats:
+def acceleration(system: Pendulum, x: Floats, u: Floats) -> Floats:
     """θ̈ [B, 3] rad/s² at the states x [B, 6] under the torques u [B, 3] N·m."""
     c = system.coefficients
     return np.array([derivative(c, tuple(a), tuple(b))[3:] for a, b in zip(x, u, strict=True)])
@@ -64,7 +64,7 @@ def kane() -> Callable[..., tuple[Any, Any]]:
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_accelerations_follow_from_kanes_method(system: ThreeLinkPendulum, draw: Draw) -> None:
+def test_accelerations_follow_from_kanes_method(system: Pendulum, draw: Draw) -> None:
     states, torques = draw(50), np.random.default_rng(1).uniform(-100, 100, (50, 3))
     expected = []
     for x, u in zip(states, torques, strict=True):
@@ -82,13 +82,13 @@ def _many_steps(c: Any, x: Any, u: Any, dt: float, n: int) -> Any:
     return x
 
 
-def simulate(system: ThreeLinkPendulum, x: Floats, u: Floats, seconds: float, steps: int) -> Floats:
+def simulate(system: Pendulum, x: Floats, u: Floats, seconds: float, steps: int) -> Floats:
     c, dt = system.coefficients, seconds / steps
     return np.array([_many_steps(c, tuple(a), tuple(b), dt, steps) for a, b in zip(x, u, strict=True)])
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_energy_is_conserved_without_torque(system: ThreeLinkPendulum, draw: Draw) -> None:
+def test_energy_is_conserved_without_torque(system: Pendulum, draw: Draw) -> None:
     start = 0.3 * draw(20)
     end = simulate(system, start, np.zeros((20, 3)), 1.0, 60_000)
     assert np.abs(end - start).max() > 1.0  # they have moved
@@ -96,7 +96,7 @@ def test_energy_is_conserved_without_torque(system: ThreeLinkPendulum, draw: Dra
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_energy_grows_by_the_work_of_the_torques(system: ThreeLinkPendulum, draw: Draw) -> None:
+def test_energy_grows_by_the_work_of_the_torques(system: Pendulum, draw: Draw) -> None:
     """The work of a held torque is Σ u_i (θ_i(T) − θ_i(0)), exactly."""
     start, torques = 0.3 * draw(20), np.random.default_rng(2).uniform(-10, 10, (20, 3))
     end = simulate(system, start, torques, 0.5, 20_000)
@@ -107,7 +107,7 @@ def test_energy_grows_by_the_work_of_the_torques(system: ThreeLinkPendulum, draw
 
 def test_energy_is_that_of_the_moving_masses(draw: Draw) -> None:
     """Velocities of the masses from a difference quotient of their positions along the motion."""
-    system, states, h = ThreeLinkPendulum(1.5), draw(20), 1e-6
+    system, states, h = Pendulum(1.5), draw(20), 1e-6
 
     def masses_at(x: Floats) -> Floats:
         joints = system.joints(x)
@@ -122,14 +122,14 @@ def test_energy_is_that_of_the_moving_masses(draw: Draw) -> None:
 
 
 def test_integrator_is_of_fourth_order() -> None:
-    system, start, u = ThreeLinkPendulum(1.5), np.array([[0.3, -0.2, 0.4, 0.1, 0.0, -0.3]]), np.ones((1, 3))
+    system, start, u = Pendulum(1.5), np.array([[0.3, -0.2, 0.4, 0.1, 0.0, -0.3]]), np.ones((1, 3))
     ends = [simulate(system, start, u, 0.5, steps) for steps in (20, 40, 80)]
     ratio = np.linalg.norm(ends[1] - ends[0]) / np.linalg.norm(ends[2] - ends[1])
     assert 14 < ratio < 18.5  # 2⁴; a third-order method would give 8, a fifth-order one 32
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_linearization_is_the_derivative_at_upright(system: ThreeLinkPendulum) -> None:
+def test_linearization_is_the_derivative_at_upright(system: Pendulum) -> None:
     a, b = system.linearize()
     h, zero = 1e-5, np.zeros((6, 3))
     by_x = (acceleration(system, h * np.eye(6), zero) - acceleration(system, -h * np.eye(6), zero)) / (2 * h)
@@ -141,7 +141,7 @@ def test_linearization_is_the_derivative_at_upright(system: ThreeLinkPendulum) -
 
 def test_positions_are_sums_of_rotated_links(draw: Draw) -> None:
     """In the complex plane a link with absolute angle φ is i·l·exp(−iφ)."""
-    system, states = ThreeLinkPendulum(link_length=0.8), draw(50)
+    system, states = Pendulum(link_length=0.8), draw(50)
     links = 0.8j * np.exp(-1j * np.cumsum(states[:, :3], axis=1))
     expected = np.cumsum(np.concatenate([np.zeros((50, 1)), links], axis=1), axis=1)
     joints = system.joints(states)
@@ -151,13 +151,13 @@ def test_positions_are_sums_of_rotated_links(draw: Draw) -> None:
 
 
 def test_upright_is_an_equilibrium_with_the_tip_at_three_metres() -> None:
-    system = ThreeLinkPendulum(4.0)
+    system = Pendulum(4.0)
     assert tip(system.lengths, (0.0,) * 6) == (0.0, 3.0)
     assert derivative(system.coefficients, (0.0,) * 6, (0.0,) * 3) == (0.0,) * 6
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_mirror_images_move_as_mirror_images(system: ThreeLinkPendulum, draw: Draw) -> None:
+def test_mirror_images_move_as_mirror_images(system: Pendulum, draw: Draw) -> None:
     states, torques = draw(50), np.random.default_rng(3).uniform(-100, 100, (50, 3))
     for move in (acceleration, lambda system, x, u: simulate(system, x, u, 0.01, 1)):
         np.testing.assert_allclose(
@@ -166,7 +166,7 @@ def test_mirror_images_move_as_mirror_images(system: ThreeLinkPendulum, draw: Dr
 
 
 def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
-    c, u = ThreeLinkPendulum(1.5).coefficients, (1.0, -20.0, 3.0)
+    c, u = Pendulum(1.5).coefficients, (1.0, -20.0, 3.0)
     for x in draw(10):
         np.testing.assert_allclose(derivative.py_func(c, tuple(x), u), derivative(c, tuple(x), u), rtol=1e-9)
         step = rk4_step.py_func(c, tuple(x), u, 0.001)
@@ -177,18 +177,18 @@ def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_systems_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} = {value}"):
-        ThreeLinkPendulum(**{name: value})
+        Pendulum(**{name: value})
 
 
 def test_bad_input_is_refused_by_name() -> None:
     for bad in (np.zeros((2, 5)), np.zeros((1, 2, 6)), np.full((2, 6), np.nan), np.full((2, 6), np.inf)):
         with pytest.raises(ValueError, match="x = "):
-            ThreeLinkPendulum().joints(bad)
+            Pendulum().joints(bad)
 
 
 def test_one_integration_step_takes_at_most_a_microsecond() -> None:
     """The best of many short turns: on a busy machine a long one is always interrupted."""
-    c, start, n = ThreeLinkPendulum().coefficients, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), 500
+    c, start, n = Pendulum().coefficients, (0.1, 0.2, 0.3, 0.0, 0.0, 0.0), 500
     u = (0.0, 0.0, 0.0)
     _many_steps(c, start, u, 1e-3, 1)
     seconds = []
@@ -241,7 +241,7 @@ def test_an_edit_reaches_what_was_compiled_before(
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=str)
-def test_a_step_is_that_of_the_compiled_integrator(system: ThreeLinkPendulum, draw: Draw) -> None:
+def test_a_step_is_that_of_the_compiled_integrator(system: Pendulum, draw: Draw) -> None:
     x, u = draw(4), np.random.default_rng(1).uniform(-100, 100, (4, 3))
     expected = [rk4_step(system.coefficients, tuple(a), tuple(b), 1e-3) for a, b in zip(x, u, strict=True)]
     np.testing.assert_array_equal(system.step(x, u, 1e-3), expected)
