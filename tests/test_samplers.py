@@ -137,6 +137,19 @@ def test_rollouts_of_the_random_policy_hold_each_torque() -> None:
     np.testing.assert_allclose(out[:n], expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("links", [1, 2, 5])
+def test_data_of_other_links_have_their_dimension(links: int, tmp_path: Path) -> None:
+    config = Config().with_values(links=links, k=60, random_rollouts=30)
+    data, high = generate(0.5, config, 1), np.array(config.paper.state_max)
+    assert data.x.shape == (60, 2 * links) and (np.abs(data.x[:30]) <= high).all()
+    assert data.mnd.covariance.shape == (2 * links, 2 * links)
+    np.testing.assert_array_equal(data.z, ClosedLoop.from_config(config).predict(data.x))
+    data.save(tmp_path / "data.npz")
+    loaded = TrainingData.load(tmp_path / "data.npz")
+    np.testing.assert_array_equal(loaded.x, data.x)
+    assert loaded.made_of == data.made_of
+
+
 @pytest.mark.parametrize("alpha", [0, 0.5, 1])
 def test_training_data_are_what_their_parts_say(alpha: float, small_config: Config) -> None:
     data = generate(alpha, small_config, seed=3)

@@ -210,7 +210,7 @@ class Pendulum:
         return np.asarray(kinetic + np.cos(phi) @ gb, np.float64)
 
     def step(self, x: ArrayLike, u: ArrayLike, dt: float) -> Floats:
-        """States [B, 2n] after one Runge-Kutta step of dt s from x [B, 2n]; the torques u [B, n] N·m are held.
+        """States [B, 2n] after one Runge-Kutta step of dt s from x [B, 2n]; torques u [B, n] N·m are held.
 
         Raises:
             ParameterError: shapes or values that are not allowed.

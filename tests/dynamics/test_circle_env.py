@@ -185,6 +185,21 @@ def test_a_trial_starts_at_the_origin_or_at_the_given_state() -> None:
             env.reset(options={"state": bad})
 
 
+@pytest.mark.parametrize("links", [1, 2, 8])
+def test_a_pendulum_of_other_links_has_the_same_task(links: int) -> None:
+    env = ThreeLinkCircleEnv(1.1, config=Config().with_values(links=links))
+    assert env.action_space.shape == (links,) and env.observation_space.shape == (2 * links + 2,)
+    seen, _ = env.reset()
+    np.testing.assert_array_equal(seen, [0.0] * (2 * links + 1) + [1.0])
+    for _ in range(3):
+        seen, reward, *_ = env.step(np.full(links, 0.01, np.float32))
+    distance = np.linalg.norm(env.pendulum.joints(env.state)[0, -1] - target(CIRCLE, env.time))
+    assert reward == pytest.approx(2.0 - 10.0 * distance)
+    np.testing.assert_allclose(seen[:-2], env.state, rtol=1e-6)
+    with pytest.raises(ValueError, match=f"must be {2 * links} finite numbers"):
+        env.reset(options={"state": [0.0] * 7})
+
+
 def test_the_same_actions_give_the_same_trial() -> None:
     first, second = (run(ThreeLinkCircleEnv(1.5), random_actions(60, 3)) for _ in range(2))
     for a, b in zip(first, second, strict=True):
