@@ -175,7 +175,7 @@ class CompiledPPO(PPO):
         group, states = optimizer.param_groups[0], list(optimizer.state.values())
         # the generator and the order of calls are those of the buffer's own sampling
         orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002
-        samples = Samples(*(np.squeeze(getattr(buffer, name)) for name in Samples._fields))
+        samples = Samples(*(getattr(buffer, name)[:, 0] for name in Samples._fields))
         loss = Loss(clip_range, self.vf_coef, self.ent_coef, self.max_grad_norm, self.normalize_advantage)
         done = int(states[0]["step"])
         adam = Optimizer(group["lr"], tuple(group["betas"]), group["eps"], done)

@@ -207,7 +207,7 @@ def test_a_configuration_reaches_every_part() -> None:
 
 @pytest.mark.parametrize("links", [1, 2, 5, 8])
 def test_other_numbers_of_links_are_labelled_by_the_same_rule(links: int) -> None:
-    """Upright is safe, the ground is not, and between them the labels agree with the second implementation."""
+    """Upright is safe, the ground is not; between them labels agree with the second implementation."""
     config = Config().with_values(links=links, substeps=60)  # short links are fast
     closed, high = ClosedLoop.from_config(config), np.array(config.paper.state_max)
     fallen = np.eye(2 * links)[0] * high[0]
