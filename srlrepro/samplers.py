@@ -38,7 +38,13 @@ class MultivariateNormal:
         dimension = np.shape(states)[-1] if np.ndim(states) else 1
         x = as_states(states, dimension, "states")
         check(len(x) > dimension, "states", f"{len(x)} states", f"at least {dimension + 1} states")
-        return cls(x.mean(axis=0), np.cov(x, rowvar=False))
+        fitted = cls(x.mean(axis=0), np.cov(x, rowvar=False).reshape(dimension, dimension))
+        try:
+            np.linalg.cholesky(fitted.covariance)
+        except np.linalg.LinAlgError:
+            more = "more links need a smaller torque_limit or shorter control_period"
+            check(False, "states", f"{len(x)} states", f"such as vary in every direction ({more})")
+        return fitted
 
     def sample(self, n: int, rng: Generator) -> Floats:
         """n states, a row each; by Cholesky, whose factor has no free signs: every machine draws the same."""

@@ -112,7 +112,7 @@ def blank(count: int, links: int) -> Steps:
 
 @jit
 def values(critic: Network, memory: Passes, observations: Singles) -> Singles:
-    """V [N] of observations [N, 8], as many at a time as the memory holds."""
+    """V [N] of observations [N, 2n + 2], as many at a time as the memory holds."""
     batch, out = memory.output.shape[1], np.empty(len(observations), np.float32)
     for start in range(0, out.size, batch):
         count = min(batch, out.size - start)

@@ -250,7 +250,7 @@ def test_predictions_are_fast_enough_for_every_step(draw: Draw) -> None:
 
 @pytest.mark.parametrize("links", [1, 2, 4])
 def test_a_region_has_the_dimension_of_its_states(links: int, tmp_path: Path) -> None:
-    config = Config().with_values(links=links, k=60, random_rollouts=30)
+    config = Config().with_values(links=links, k=60, random_rollouts=200)
     data = generate(0.5, config, 1)
     region = learn_region(data, config)
     assert region.state_max == config.paper.state_max and region.arrays_.x_train.shape == (2 * links, 61)
