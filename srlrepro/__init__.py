@@ -15,7 +15,7 @@ PUBLIC = {  # name: the module that holds it
     "Choices": "srlrepro.settings.choices",
     "Config": "srlrepro.settings.config",
     "Paper": "srlrepro.settings.paper",
-    "ThreeLinkPendulum": "srlrepro.dynamics.pendulum",
+    "Pendulum": "srlrepro.dynamics.pendulum",
     "LQG": "srlrepro.dynamics.lqg",
     "ClosedLoop": "srlrepro.dynamics.closed_loop",
     "RecoveryRule": "srlrepro.dynamics.closed_loop",

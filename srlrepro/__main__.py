@@ -49,17 +49,21 @@ def region(arguments: argparse.Namespace) -> None:
     require_made_of(data.made_of, config, "data", where=arguments.data)
     region = learn_region(data, config, seed)
     region.save(arguments.out)
-    print(f"Γ at the origin is {region.safety([[0.0] * 6])[0]:.3f}, p_t is {region.p_t}: {arguments.out}")
+    safety = region.safety([0.0] * len(region.state_max))[0]
+    print(f"Γ at the origin is {safety:.3f}, p_t is {region.p_t}: {arguments.out}")
 
 
 def label(arguments: argparse.Namespace) -> None:
     """Print l(x) of one state and how K fares from it."""
     from srlrepro.dynamics.closed_loop import OUTCOMES, ClosedLoop
 
-    for value in arguments.state:
+    config, state = _config(arguments), arguments.state
+    for value in state:
         check(math.isfinite(value), "--state", value, "finite numbers (rad, rad/s)")
-    loop = ClosedLoop.from_config(_config(arguments), arguments.delta)
-    rollout = loop.rollout([arguments.state], record=False)
+    links = config.paper.links
+    check(len(state) == 2 * links, "--state", state, f"{2 * links} numbers, as links = {links}")
+    loop = ClosedLoop.from_config(config, arguments.delta)
+    rollout = loop.rollout([state], record=False)
     print(f"l(x) = {rollout.labels[0]}: {OUTCOMES[int(rollout.outcomes[0])]}, {rollout.durations[0]:.2f} s")
 
 
@@ -124,8 +128,8 @@ def make_parser() -> argparse.ArgumentParser:
     add_settings(sub)
 
     sub = command("label", label, "Print l(x) of one state and how K fares from it.")
-    state = "θ1 θ2 θ3 (rad) θ̇1 θ̇2 θ̇3 (rad/s)"
-    sub.add_argument("--state", type=float, nargs=6, required=True, metavar="X", help=state)
+    state = "angles θ1 θ2 θ3 (rad), then rates θ̇1 θ̇2 θ̇3 (rad/s); 2n numbers with --set links=n"
+    sub.add_argument("--state", type=float, nargs="+", required=True, metavar="X", help=state)
     text = "mass mismatch Δ (default: 1, the nominal system: l_n)"
     sub.add_argument("--delta", type=float, default=1.0, help=text)
     add_settings(sub)

@@ -14,6 +14,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from srlrepro.compiled.jit import jit
+from srlrepro.compiled.stack import read, write
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels, Limits, hold_torque
 from srlrepro.dynamics.pendulum import Coefficients, Floats, as_states
 from srlrepro.settings.condition import check_share
@@ -31,20 +32,27 @@ MOST_ROWS = sys.maxsize // (
 
 @dataclass(frozen=True, eq=False)
 class MultivariateNormal:
-    """The MND(μ, Σ): mean [6] and covariance [6, 6] in rad and rad/s."""
+    """The MND(μ, Σ): mean [2n] and covariance [2n, 2n] in rad and rad/s."""
 
     mean: Floats
     covariance: Floats
 
     @classmethod
     def fit(cls, states: ArrayLike) -> "MultivariateNormal":
-        """Maximum-likelihood mean and the unbiased covariance of the states 𝕏 [N, 6]."""
-        x = as_states(states, "states")
-        check(len(x) > 6, "states", f"{len(x)} states", "at least 7 states")
-        return cls(x.mean(axis=0), np.cov(x, rowvar=False))
+        """Maximum-likelihood mean and the unbiased covariance of the states 𝕏 [N, 2n]."""
+        dimension = np.shape(states)[-1] if np.ndim(states) else 1
+        x = as_states(states, dimension, "states")
+        check(len(x) > dimension, "states", f"{len(x)} states", f"at least {dimension + 1} states")
+        fitted = cls(x.mean(axis=0), np.cov(x, rowvar=False).reshape(dimension, dimension))
+        try:
+            np.linalg.cholesky(fitted.covariance)
+        except np.linalg.LinAlgError:
+            more = "more links need a smaller torque_limit or shorter control_period"
+            check(False, "states", f"{len(x)} states", f"such as vary in every direction ({more})")
+        return fitted
 
     def sample(self, n: int, rng: Generator) -> Floats:
-        """n states [n, 6]; by Cholesky, whose factor has no free signs: every machine draws the same."""
+        """n states, a row each; by Cholesky, whose factor has no free signs: every machine draws the same."""
         return rng.multivariate_normal(self.mean, self.covariance, size=n, method="cholesky")
 
 
@@ -52,7 +60,7 @@ class MultivariateNormal:
 class TrainingData:
     """D_tr, and the normal distribution behind a part of it."""
 
-    x: Floats  # [k, 6] states, rad and rad/s; the first ones from UD, the others from MND
+    x: Floats  # [k, 2n] states, rad and rad/s; the first ones from UD, the others from MND
     z: Labels  # [k] safety labels l_n(x), 1 = safe
     n_ud: int  # number of states from UD
     mnd: MultivariateNormal  # that the others were drawn from
@@ -69,8 +77,10 @@ class TrainingData:
         """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or no labelled states."""
         a = read_arrays(path, FORMAT, PARTS)
         try:
-            k, n_ud = len(as_states(a["x"])), int(a["n_ud"])
-            fits = [a[name].shape for name in ("z", "mean", "covariance")] == [(k,), (6,), (6, 6)]
+            (k, dimension), n_ud = a["x"].shape, int(a["n_ud"])
+            as_states(a["x"], dimension)
+            shapes = [(k,), (dimension,), (dimension, dimension)]
+            fits = [a[name].shape for name in ("z", "mean", "covariance")] == shapes
             fits = fits and bool(np.isfinite(a["mean"]).all() and np.isfinite(a["covariance"]).all())
             if not (fits and np.isin(a["z"], (0, 1)).all() and k >= 2 and 0 <= n_ud <= k):
                 raise ValueError("parts that do not fit together")
@@ -88,35 +98,35 @@ def split(alpha: float, k: int) -> tuple[int, int]:
 
 
 def sample_uniform(n: int, state_max: ArrayLike, rng: Generator) -> Floats:
-    """n states [n, 6] from the UD over ±state_max [6] (App. C)."""
+    """n states, one per row, from the UD over ±state_max (App. C)."""
     high = np.asarray(state_max, dtype=np.float64)
-    return rng.uniform(-high, high, size=(n, 6))
+    return rng.uniform(-high, high, size=(n, high.size))
 
 
 @jit
 def _random_rollouts(
     coefficients: Coefficients, limits: Limits, state_max: Floats, torques: Floats, hold: int, out: Floats
 ) -> int:
-    n = 0
+    count = 0
     for i in range(torques.shape[0]):
-        state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        state = coefficients.upright
         for t in range(torques.shape[1] * hold):
+            write(state, out[count])
             inside = True
-            for j in range(6):
-                inside = inside and abs(state[j]) <= state_max[j]
+            for j in range(state_max.size):
+                inside = inside and abs(out[count, j]) <= state_max[j]
             if not inside:
                 break
-            out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = state
-            n += 1
-            u = torques[i, t // hold]
-            state, outcome = hold_torque(coefficients, limits, state, (u[0], u[1], u[2]))
+            count += 1
+            u = read(torques[i, t // hold], coefficients.idle)
+            state, outcome = hold_torque(coefficients, limits, state, u)
             if outcome != 0:
                 break
-    return n
+    return count
 
 
 def visited_states(config: Config, rng: Generator) -> Floats:
-    """𝕏 [N, 6]: the states that a random policy visits on the nominal system from the origin (Sec. III-A).
+    """𝕏 [N, 2n]: the states that a random policy visits on the nominal system from the origin (Sec. III-A).
 
     Each torque is uniform within its limits and held for ``random_hold``; a rollout ends where it leaves
     the state space of App. C, or after ``random_length``. States are recorded every control period.
@@ -124,20 +134,21 @@ def visited_states(config: Config, rng: Generator) -> Floats:
     paper, choices = config.paper, config.choices
     hold = max(1, round(choices.random_hold / choices.control_period))
     pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
-    torques = rng.uniform(-paper.torque_limit, paper.torque_limit, (choices.random_rollouts, pieces, 3))
+    shape = choices.random_rollouts, pieces, paper.links
+    torques = rng.uniform(-paper.torque_limit, paper.torque_limit, shape)
     rows = choices.random_rollouts * pieces * hold
     check(rows <= MOST_ROWS, "control_period", choices.control_period, "longer, for so many random_rollouts")
-    out = np.empty((rows, 6))
     coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
+    out = np.empty((rows, len(coefficients.upright)))
     n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
     return out[:n].copy()
 
 
 def sample_mnd(n: int, mnd: MultivariateNormal, config: Config, rng: Generator) -> Floats:
-    """n states [n, 6] from the MND; ``mnd_outside = redraw``: only states inside the ranges of App. C."""
+    """n states from the MND, one per row; ``mnd_outside = redraw``: only such inside the ranges of App. C."""
     if config.choices.mnd_outside == "keep":
         return mnd.sample(n, rng)
-    high, kept = np.array(config.paper.state_max), np.empty((0, 6))
+    high, kept = np.array(config.paper.state_max), np.empty((0, mnd.mean.size))
     while len(kept) < n:
         drawn = mnd.sample(n, rng)
         kept = np.concatenate([kept, drawn[(np.abs(drawn) <= high).all(axis=1)]])
@@ -156,10 +167,10 @@ def generate(alpha: float, config: Config, seed: int) -> TrainingData:
 
 
 def known_states(data: TrainingData, config: Config) -> tuple[Floats, Labels]:
-    """States [k, 6] and labels [k] that Ψ and Γ learn from: D_tr, and with ``known_origin`` the origin.
+    """States [k, 2n] and labels [k] that Ψ and Γ learn from: D_tr, and with ``known_origin`` the origin.
 
     The paper assumes that the origin is a known safe state (Sec. II-A); this is that knowledge, as data.
     """
     if not config.choices.known_origin:
         return data.x, data.z
-    return np.concatenate([data.x, np.zeros((1, 6))]), np.append(data.z, 1)
+    return np.concatenate([data.x, np.zeros((1, data.x.shape[1]))]), np.append(data.z, 1)

@@ -48,7 +48,7 @@ UNSUPERVISED = Supervision(False, Posterior(), 0.0, True, NO_GAINS, 0, True)
 
 @inner
 def supervise(supervision: Supervision, task: Task, x: Floats, ended: int) -> tuple[int, int]:
-    """Eq. (6) after a control period of π, at x [6]; ended: what `advance` says of the trial.
+    """Eq. (6) after a control period of π, at x [2n]; ended: what `advance` says of the trial.
 
     Returns:
         The key of `RECOVERIES` and the control periods of K; (0, 0) if K is not needed.
@@ -59,7 +59,7 @@ def supervise(supervision: Supervision, task: Task, x: Floats, ended: int) -> tu
         return 0, 0
     if not supervision.corrects:
         return NOT_TRIED, 0
-    no_path = np.empty((0, 6))
+    no_path = np.empty((0, x.size))
     return recover(task.coefficients, supervision.gains, task.limits, supervision.periods, x, no_path)
 
 
@@ -134,9 +134,9 @@ class Supervisor(gym.Wrapper[Singles, Singles, Singles, Singles]):
 
     @property
     def recovery_path(self) -> Floats:
-        """States [T, 6] after each control period of the recovery that ended the last trial; T = 0: none."""
+        """States [T, 2n] after each control period of the recovery that ended the last trial; T = 0: none."""
         if self.recovery is None:
-            return np.empty((0, 6))
+            return np.empty((0, self.task.pendulum.dimension))
         periods = round(float(self.recovery.durations[0]) / self.task.rule.control_period)
         return self.recovery.paths[0, 1 : periods + 1]
 

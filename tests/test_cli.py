@@ -128,6 +128,7 @@ WRONG: list[tuple[list[str], tuple[str, ...]]] = [  # a command line, and what t
     ),
     (["label", "--state", "nan", *["0"] * 5], ("--state = nan", "finite")),
     (["label", "--state", *["0"] * 6, "--delta", "-1"], ("delta = -1.0", "> 0")),
+    (["label", "--state", *["0"] * 6, "--set", "links=2"], ("--state = ", "must be 4 numbers, as links = 2")),
     (["dance"], ("dance",)),
     ([], ("COMMAND",)),
 ]

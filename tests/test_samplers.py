@@ -22,6 +22,7 @@ from srlrepro.samplers import (
     visited_states,
 )
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError, write_arrays
 
 HIGH = np.array(Config().paper.state_max)
@@ -135,6 +136,27 @@ def test_rollouts_of_the_random_policy_hold_each_torque() -> None:
     out = np.empty((20 * hold * pieces, 6))
     n = _random_rollouts.py_func(coefficients, limits, HIGH, torques, hold, out)
     np.testing.assert_allclose(out[:n], expected, rtol=1e-9)
+
+
+def test_many_links_need_a_smaller_torque() -> None:
+    """With that of the paper a random policy leaves the state space at once, and few states are left."""
+    config = Config().with_values(links=6, k=60, random_rollouts=200)
+    with pytest.raises(ParameterError, match=r"states = 20\d states: must be such as vary"):
+        generate(0.5, config, 1)
+    assert generate(0.5, config.with_values(torque_limit=4.0), 1).x.shape == (60, 12)
+
+
+@pytest.mark.parametrize("links", [1, 2, 4])
+def test_data_of_other_links_have_their_dimension(links: int, tmp_path: Path) -> None:
+    config = Config().with_values(links=links, k=60, random_rollouts=200)
+    data, high = generate(0.5, config, 1), np.array(config.paper.state_max)
+    assert data.x.shape == (60, 2 * links) and (np.abs(data.x[:30]) <= high).all()
+    assert data.mnd.covariance.shape == (2 * links, 2 * links)
+    np.testing.assert_array_equal(data.z, ClosedLoop.from_config(config).predict(data.x))
+    data.save(tmp_path / "data.npz")
+    loaded = TrainingData.load(tmp_path / "data.npz")
+    np.testing.assert_array_equal(loaded.x, data.x)
+    assert loaded.made_of == data.made_of
 
 
 @pytest.mark.parametrize("alpha", [0, 0.5, 1])

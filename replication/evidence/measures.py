@@ -36,13 +36,13 @@ LAST_SHARE = 10  # the end of a training is the last tenth of its steps
 SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in claims.toml
 LABEL_EVERY = 25  # steps of a training between two labelled states, at least: nearer ones are much the same
 
-Labelled = tuple[Floats, Labels]  # states x [N, 6], rad and rad/s, and their labels [N]
+Labelled = tuple[Floats, Labels]  # states x [N, 2n], rad and rad/s, and their labels [N]
 Learned = Mapping[str, tuple[TrainingData, CompiledHypothesis]]  # by the text of α
 Row = tuple[Any, ...]  # of a table of measures
 
 
 def classification(region: CompiledHypothesis, x: Floats, labels: Labels) -> dict[str, float]:
-    """Errors of any hypothesis h, and of its Γ = P(l(x) = 1), on the states x [B, 6] with true labels [B].
+    """Errors of any hypothesis h, and of its Γ = P(l(x) = 1), on the states x [B, 2n] with true labels [B].
 
     Returns:
         ``error``: E[I(h ≠ l)], eq. (9); ``false_positives``, ``false_negatives``: its two parts, eq. (12);
@@ -78,8 +78,8 @@ def first_link_shares(x: ArrayLike, config: Config) -> dict[str, float]:
 
     ``near_origin_share``: both within half their ranges; ``corner_share``: both beyond, with opposite signs.
     """
-    states, high = np.asarray(x), config.paper.state_max
-    angle, rate = states[:, 0] / high[0], states[:, 3] / high[3]
+    states, high, links = np.asarray(x), config.paper.state_max, config.paper.links
+    angle, rate = states[:, 0] / high[0], states[:, links] / high[links]
     near = (np.abs(angle) < 0.5) & (np.abs(rate) < 0.5)
     corner = (np.abs(angle) > 0.5) & (np.abs(rate) > 0.5) & (angle * rate < 0)
     return {"near_origin_share": float(near.mean()), "corner_share": float(corner.mean())}
@@ -116,7 +116,7 @@ def measure_hypothesis(
     wanted = ("precision", "recall", "brier")
     values = {f"{name}_{source}": score[name] for source, score in scores.items() for name in wanted}
     values["accepted_share"] = float(np.mean([score["accepted"] for score in scores.values()]))
-    values["gamma_origin"] = float(region.safety(np.zeros((1, 6)))[0])
+    values["gamma_origin"] = float(region.safety(np.zeros_like(data.x[:1]))[0])
     if isinstance(region, SafeRegion):
         values["new_state_purity"] = new_state_purity(region, states, data.n_ud, config.paper.k)
     return values
@@ -229,13 +229,13 @@ def errors(run: TrainedRun, region: CompiledHypothesis, free: TrainedRun | None)
 
 
 def labelled(visited: Floats, real: ClosedLoop, steps: int) -> Labelled:
-    """(x, l(x)) of the visited states [N, 6] of a training, thinned to one in `LABEL_EVERY` of its steps."""
+    """(x, l(x)) of the visited states [N, 2n] of a training, thinned to one in `LABEL_EVERY` of its steps."""
     x = visited[:: max(1, LABEL_EVERY * len(visited) // steps)]
     return x, real.predict(x)
 
 
 def promise_gap(region: SafeRegion, visited: Floats, real: ClosedLoop) -> float:
-    """Share of safe states less mean Γ, among the visited states [N, 6] at which K took over; NaN if none.
+    """Share of safe states less mean Γ, among the visited states [N, 2n] at which K took over; NaN if none.
 
     Those are the states with Γ ≤ p_t: a trial ends at the first. States on the ground are falls of π, after
     which K has nothing left to do.

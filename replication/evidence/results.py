@@ -80,11 +80,12 @@ class TrainedRun:
         return read_table(self.folder / "curve.csv", ("step", "mean_return", "mean_length"))
 
     def visited(self) -> Floats:
-        """States [N, 6] that the learner's steps reached, rad and rad/s, in their order."""
-        path = self.folder / "visited.npz"
+        """States [N, 2n] that the learner's steps reached, rad and rad/s, in their order."""
+        path, size = self.folder / "visited.npz", len(self.config.paper.state_max)
         x = read_arrays(path, VISITED_FORMAT, ("x",))["x"]
-        if x.dtype.kind != "f" or x.ndim != 2 or x.shape[1] != 6 or not len(x) or not np.isfinite(x).all():
-            raise ResultError(f"{path} holds no states [N, 6] of finite numbers")
+        fits = x.dtype.kind == "f" and x.ndim == 2 and x.shape[1] == size and len(x) > 0
+        if not fits or not np.isfinite(x).all():
+            raise ResultError(f"{path} holds no states [N, {size}] of finite numbers")
         return np.asarray(x, np.float64)
 
 

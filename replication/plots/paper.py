@@ -28,8 +28,9 @@ BOUND_TERMS = (
 
 def plot_states(ax: Axes, x: Floats, z: Labels, config: Config) -> None:
     """Fig. 2 (a)-(c): joint angle and velocity of the first link, by label."""
-    _plot_labels(ax, x[:, [0, 3]], z)
-    angle, rate = config.paper.state_max[0], config.paper.state_max[3]
+    high, links = config.paper.state_max, config.paper.links
+    _plot_labels(ax, x[:, [0, links]], z)
+    angle, rate = high[0], high[links]
     ax.add_patch(Rectangle((-angle, -rate), 2 * angle, 2 * rate, fill=False, linestyle=":", color=GUIDE))
     ax.set(xlim=(-1.15 * angle, 1.15 * angle), ylim=(-1.6 * rate, 1.6 * rate))
     ax.set(xlabel=r"$\theta_1$ / rad", ylabel=r"$\dot\theta_1$ / (rad/s)")

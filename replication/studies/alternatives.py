@@ -4,7 +4,7 @@ The choice ``hypothesis`` names one of
 
 - "tsne": the paper's `SafeRegion`; "euclidean": the same on t-SNE of plain distances of the scaled states;
 - "pca": the same Γ, on the first two principal components of the scaled states;
-- "knn", "svm", "mlp": classifiers of the scaled state in all its six dimensions;
+- "knn", "svm", "mlp": classifiers of the scaled state in all its dimensions;
 - "nominal": l_n(x), K simulated on the nominal system; "real": l(x), the ideal supervisor of eq. (3).
 
 All of them say h(x) = 1 if P(l(x) = 1) > p_t, as eqs. (5) and (8) do, and all that learn know what the safe
@@ -52,8 +52,8 @@ class Predictor:
     p_t: float  # threshold of eq. (5)
 
     def safety(self, x: ArrayLike) -> Floats:
-        """P(l(x) = 1) [B] of the states x [B, 6]."""
-        return kinds.safe_probabilities(self.posterior, as_states(x))
+        """P(l(x) = 1) [B] of the states x [B, d]."""
+        return kinds.safe_probabilities(self.posterior, as_states(x, self.posterior.dimension))
 
     def predict(self, x: ArrayLike) -> Labels:
         """h(x) [B]: 1 if P(l(x) = 1) > p_t, else 0."""
@@ -96,7 +96,7 @@ def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
 
 
 def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
-    """An SVM (RBF) of the scaled states s [k, 6]; a sigmoid makes probabilities of its held-out decisions."""
+    """An SVM (RBF) of the scaled states s [k, d]; a sigmoid makes probabilities of its held-out decisions."""
     folds = StratifiedKFold(FOLDS, shuffle=True, random_state=seed)  # D_tr: from UD, then from the MND
     return CalibratedClassifierCV(SVC(), method="sigmoid", cv=folds, ensemble=False).fit(s, z)
 
@@ -114,7 +114,7 @@ def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
 
 
 def fit_mlp(s: Floats, z: Labels, seed: int) -> MLPClassifier:
-    """A perceptron with one hidden layer of tanh units, of the scaled states s [k, 6].
+    """A perceptron with one hidden layer of tanh units, of the scaled states s [k, d].
 
     By L-BFGS, as scikit-learn advises for small datasets: its Adam takes the plateau of a linear function,
     which sees nothing in states that are centred at 0, for convergence.

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from srlrepro.compiled.jit import jit
+from srlrepro.compiled.stack import read, write
 from srlrepro.dynamics.circle_env import Task, ThreeLinkCircleEnv, advance
 from srlrepro.dynamics.closed_loop import RECOVERED, ClosedLoop, Labels
-from srlrepro.dynamics.pendulum import Floats, as_state
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
@@ -40,10 +41,10 @@ OUTCOMES = ("final_return", "success_rate", "violations_per_1000_steps")
 class Experience:
     """What a learner has seen of the real system; states are in rad and rad/s."""
 
-    x: Floats  # [N, 6] at the start of a control period
-    actions: NDArray[np.float32]  # [N, 3] of π, in units of ``action_unit``
-    following: Floats  # [N, 6] at the end of the control period
-    activated: Floats  # [M, 6] states in which K was activated
+    x: Floats  # [N, 2n] at the start of a control period
+    actions: NDArray[np.float32]  # [N, n] of π, in units of ``action_unit``
+    following: Floats  # [N, 2n] at the end of the control period
+    activated: Floats  # [M, 2n] states in which K was activated
     safe: Labels  # [M] whether it recovered the system
     times: Floats  # [M] s, until the outcome
 
@@ -54,18 +55,17 @@ def _explore(
 ) -> None:
     """Trials one after the other, each from the origin; they take the actions in turn, as many as they need.
 
-    Fills x and following [N, 6], the states before and after each step, and for each trial a row of
+    Fills x and following [N, 2n], the states before and after each step, and for each trial a row of
     ends [trials, 3]: steps so far, key of `RECOVERIES` (0: K was not needed), control periods of K.
     """
     n = 0
     for trial in range(ends.shape[0]):
-        state, period, ended = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, 0
+        state, period, ended = task.coefficients.upright, 0, 0
         while ended == 0:
-            x[n, 0], x[n, 1], x[n, 2], x[n, 3], x[n, 4], x[n, 5] = state
-            action = (actions[n, 0], actions[n, 1], actions[n, 2])
-            state, _, ended = advance(task, state, action, period)
+            write(state, x[n])
+            state, _, ended = advance(task, state, read(actions[n], task.coefficients.idle), period)
             new = following[n]
-            new[0], new[1], new[2], new[3], new[4], new[5] = state
+            write(state, new)
             n, period = n + 1, period + 1
             recovery, periods = supervise(supervision, task, new, ended)
             ends[trial, 0], ends[trial, 1], ends[trial, 2] = n, recovery, periods
@@ -88,8 +88,10 @@ def explore(
     env.reset()  # refuses a region that predicts the origin as unsafe
     task = env.task.arrays
     most = trials * task.periods
-    actions = rng.normal(0.0, np.exp(config.choices.log_std_init), (most, 3)).astype(np.float32)
-    x, following, ends = np.empty((most, 6)), np.empty((most, 6)), np.empty((trials, 3), np.int64)
+    std, shape = np.exp(config.choices.log_std_init), (most, config.paper.links)
+    actions = rng.normal(0.0, std, shape).astype(np.float32)
+    size = env.task.state.size
+    x, following, ends = np.empty((most, size)), np.empty((most, size)), np.empty((trials, 3), np.int64)
     _explore(task, env.arrays, actions.astype(np.float64), x, following, ends)
     steps, of_k = ends[-1, 0], ends[(ends[:, 1] != 0) & (ends[:, 1] != NOT_TRIED)]
     safe, times = (of_k[:, 1] == RECOVERED).astype(int), of_k[:, 2] * task.control_period
@@ -99,13 +101,13 @@ def explore(
 @jit
 def _predict(task: Task, x: Floats, actions: Floats, following: Floats) -> None:
     for i in range(x.shape[0]):
-        state, _, _ = advance(task, as_state(x[i]), (actions[i, 0], actions[i, 1], actions[i, 2]), 0)
-        new = following[i]
-        new[0], new[1], new[2], new[3], new[4], new[5] = state
+        upright, idle = task.coefficients.upright, task.coefficients.idle
+        state, _, _ = advance(task, read(x[i], upright), read(actions[i], idle), 0)
+        write(state, following[i])
 
 
 def predict(experience: Experience, config: Config) -> Floats:
-    """x̂_{t+1} [N, 6]: each transition on the nominal model."""
+    """x̂_{t+1} [N, 2n]: each transition on the nominal model."""
     following = np.empty_like(experience.x)
     task = ThreeLinkCircleEnv(1.0, config=config).arrays
     _predict(task, experience.x, experience.actions.astype(np.float64), following)

@@ -73,7 +73,7 @@ def domain_classifier(
     scatters about 0.
 
     Args:
-        target: [N, 6] states of D; source: [N', 6] states of D_n, of about as many.
+        target: [N, 2n] states of D; source: [N', 2n] states of D_n, of about as many.
         folds: [N] fold of each state of D, 0 to F − 1, of two at least; the states of D_n take turns.
     """
     d, d_n, fold = np.asarray(target), np.asarray(source), np.asarray(folds)

@@ -40,7 +40,7 @@ def scored_states(
     seeds: Sequence[int],
     rng: Generator,
 ) -> Iterator[tuple[str, float, str, Floats, Labels]]:
-    """(states, Δ, α that they belong to, x [B, 6], labels [B]) of everything that hypotheses are judged on.
+    """(states, Δ, α that they belong to, x [B, 2n], labels [B]) of everything that hypotheses are judged on.
 
     UD and MND, labelled on the nominal system (Δ = 1); `TEST_STATES` of those that the free learner, and the
     learner under the paper's region, visited, labelled on the real one. Those under the region are of the

@@ -52,7 +52,7 @@ def recoveries(config: Config, deltas: Iterable[float], n: int, seed: int) -> pd
     for delta in deltas:
         rollouts = ClosedLoop.from_config(config, delta).rollout(x)
         safe = rollouts.outcomes == RECOVERED
-        fastest = np.abs(rollouts.paths[safe][..., 3:]).max()
+        fastest = np.abs(rollouts.paths[safe][..., config.paper.links :]).max()
         rows.append((delta, safe.mean(), rollouts.durations[safe].max(), fastest))
     return pd.DataFrame(rows, columns=["delta", "recovered", "slowest / s", "largest rate / (rad/s)"])
 
@@ -65,7 +65,8 @@ def random_policies(config: Config, holds: Iterable[float], n: int, seed: int) -
         visited = samplers.visited_states(config.with_values(random_hold=hold), rng)
         mnd = samplers.MultivariateNormal.fit(visited)
         std = np.sqrt(np.diag(mnd.covariance))
-        correlation = mnd.covariance[0, 3] / (std[0] * std[3])
+        links = config.paper.links
+        correlation = mnd.covariance[0, links] / (std[0] * std[links])
         rows.append((hold, correlation, nominal.predict(mnd.sample(n, rng)).mean()))
     return pd.DataFrame(rows, columns=["hold / s", "correlation", "safe share"])
 
@@ -111,7 +112,7 @@ def calibration(
             region = _learn(data, varied, *cell, embeddings)
             brier = classification(region, tests[cell], labels[cell])["brier"]
             scores.setdefault(f"α = {alpha_text(cell[0])}", []).append(brier)
-            origin.append(region.predict(np.zeros((1, 6)))[0])
+            origin.append(region.predict(np.zeros_like(data.x[:1]))[0])
         means = {name: float(np.mean(values)) for name, values in scores.items()}
         row = {"variation": _text(values)} | means
         rows.append(row | {"mean": float(np.mean(list(means.values()))), "h(origin)": float(np.mean(origin))})
@@ -119,7 +120,7 @@ def calibration(
 
 
 def fresh_states(alpha: float, data: samplers.TrainingData, config: Config, n: int, seed: int) -> Floats:
-    """n states [n, 6] of D_n = αUD + (1 − α)MND that are not among the training data, whose MND is taken."""
+    """n states of D_n = αUD + (1 − α)MND that are not among the training data, whose MND is taken."""
     rng = np.random.default_rng([seed, 2])
     n_ud, n_mnd = samplers.split(alpha, n)
     ud = samplers.sample_uniform(n_ud, config.paper.state_max, rng)
@@ -133,7 +134,7 @@ def origin_safety(config: Config, alpha: float, seeds: Iterable[int], embeddings
         data = samplers.generate(alpha, config, seed)
         for known in (False, True):
             region = _learn(data, config.with_values(known_origin=known), alpha, seed, embeddings)
-            rows.append((seed, known, float(region.safety(np.zeros((1, 6)))[0])))
+            rows.append((seed, known, float(region.safety(np.zeros_like(data.x[:1]))[0])))
     return pd.DataFrame(rows, columns=["dataset", "known origin", "Γ(origin)"])
 
 
@@ -144,7 +145,8 @@ def exploration(
     rows, high = [], np.array(config.paper.state_max)
     env = ThreeLinkCircleEnv(delta, config=config)
     for log_std in log_stds:
-        policy, inside, diverged = untrained(np.random.default_rng(seed), log_std), [], 0
+        rng = np.random.default_rng(seed)
+        policy, inside, diverged = untrained(rng, log_std, config.paper.links), [], 0
         for _ in range(trials):
             steps = list(transitions(env, policy))
             inside += [bool((np.abs(step.following) <= high).all()) for step in steps]

@@ -53,12 +53,12 @@ STEPS = pd.DataFrame(
 class Sample(NamedTuple):
     """States and what each labelling function says of them."""
 
-    x: Floats  # [N, 6] rad and rad/s
+    x: Floats  # [N, 2n] rad and rad/s
     labels: pd.DataFrame  # [N, M], a column per labelling function; among them those of `LABELS`
 
     @classmethod
     def of(cls, x: Floats, functions: Mapping[str, Hypothesis]) -> "Sample":
-        """The states x [N, 6], labelled by every function."""
+        """The states x [N, 2n], labelled by every function."""
         return cls(x, pd.DataFrame({name: f.predict(x) for name, f in functions.items()}))
 
 

@@ -67,12 +67,12 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
         radius = loop.controller.spectral_radius(loop.system)
         rows.append(("", f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
     for alpha, (data, region) in learned.items():
-        share, gamma = float(data.z.mean()), float(region.safety(np.zeros((1, 6)))[0])
+        share, gamma = float(data.z.mean()), float(region.safety(np.zeros_like(data.x[:1]))[0])
         accepted = gamma > universe.config.paper.p_t
         rows.append((alpha, f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
         rows.append((alpha, f"the region of α = {alpha} accepts the origin", gamma, accepted))
     for data, _ in list(learned.values())[:1]:  # the MND is the same for every α
-        covariance = float(data.mnd.covariance[0, 3])
+        covariance = float(data.mnd.covariance[0, universe.config.paper.links])
         rows.append(("", "θ1 and θ̇1 correlate positively in the MND", covariance, covariance > 0))
     return pd.DataFrame(rows, columns=["alpha", "condition", "value", "met"])
 

@@ -3,6 +3,7 @@
 Registered as ``srlrepro/ThreeLinkCircle-v0``. It serves every condition; the supervisor wraps it.
 """
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium as gym
@@ -11,9 +12,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from srlrepro import register_task
+from srlrepro.compiled.arithmetic import sin_cos
 from srlrepro.compiled.jit import jit
+from srlrepro.compiled.stack import packed, unpacked
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, ClosedLoop, Limits, hold_torque
-from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, as_state, tip
+from srlrepro.dynamics.pendulum import Coefficients, Floats, State, Torque, tip
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
 
@@ -36,40 +39,42 @@ def perfect_return(config: Config) -> float:
 def target(circle: Circle, t: float) -> tuple[float, float]:
     """p_d(t): the point (m) on the circle at the time t (s), clockwise from the top, where p_e starts."""
     height, radius, speed = circle
-    return radius * np.sin(speed * t), height + radius * np.cos(speed * t)
+    sine, cosine = sin_cos(speed * t)
+    return radius * sine, height + radius * cosine
 
 
 class Task(NamedTuple):
     """The task as compiled code takes it."""
 
     coefficients: Coefficients
-    lengths: tuple[float, float, float]  # m
+    lengths: tuple[float, ...]  # [n] m
     limits: Limits  # of the integration and of a trial
     circle: Circle
     reward: tuple[float, float]  # R_c, penalty per metre
     torque_limit: float  # N·m
     action_unit: float  # N·m of an action of 1
-    scale: Floats  # [6] units of the observed state
+    scale: Floats  # [2n] units of the observed state
     control_period: float  # s
     periods: int  # of a trial
 
 
 @jit
 def advance(task: Task, state: State, action: Torque, period: int) -> tuple[State, float, int]:
-    """One control period of a trial, number ``period`` from 0; action in ``action_unit``, limited here.
+    """One control period of a trial, number ``period`` from 0; action [n] in ``action_unit``, limited here.
 
     Returns:
         The state; the reward R of the state and the target at the end of the period; 0, or the key of `ENDS`
         that says why the trial ends.
     """
     unit, limit = task.action_unit, task.torque_limit
-    u1 = min(max(unit * action[0], -limit), limit)
-    u2 = min(max(unit * action[1], -limit), limit)
-    u3 = min(max(unit * action[2], -limit), limit)
-    state, ended = hold_torque(task.coefficients, task.limits, state, (u1, u2, u3))
+    u = unpacked(action)
+    for j in range(len(action)):
+        u[j] = min(max(unit * u[j], -limit), limit)
+    state, ended = hold_torque(task.coefficients, task.limits, state, packed(u, action))
     px, py = tip(task.lengths, state)
     dx, dy = target(task.circle, (period + 1) * task.control_period)
-    reward = task.reward[0] - task.reward[1] * np.hypot(px - dx, py - dy)  # App. C: R = R_c − 10 ‖p_e − p_d‖
+    dx, dy = px - dx, py - dy
+    reward = task.reward[0] - task.reward[1] * math.sqrt(dx * dx + dy * dy)  # App. C: R_c − 10 ‖p_e − p_d‖
     if ended == 0 and period + 1 >= task.periods:
         ended = TIME_OVER
     return state, reward, ended
@@ -77,18 +82,18 @@ def advance(task: Task, state: State, action: Torque, period: int) -> tuple[Stat
 
 @jit
 def observe(task: Task, state: State, period: int, out: Seen) -> None:
-    """Observation [8]: the state in units of ``scale``, sine and cosine of the target's phase."""
-    for j in range(6):
-        out[j] = state[j] / task.scale[j]
-    phase = task.circle[2] * (period * task.control_period)
-    out[6], out[7] = np.sin(phase), np.cos(phase)
+    """Observation [2n + 2]: the state in units of ``scale``, sine and cosine of the target's phase."""
+    x, size = unpacked(state), len(state)
+    for j in range(size):
+        out[j] = x[j] / task.scale[j]
+    out[size], out[size + 1] = sin_cos(task.circle[2] * (period * task.control_period))
 
 
 class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
-    """Track the circle with the pendulum of mismatch Δ.
+    """Track the circle with the pendulum of mismatch Δ, which has the links of the configuration.
 
-    Observation [8]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
-    Action [3]: torques in units of ``action_unit``, within the torque limit. Reward: App. C.
+    Observation [2n + 2]: x (in half ranges of App. C if ``observation = scaled``), sin and cos of the phase.
+    Action [n]: torques in units of ``action_unit``, within the torque limit. Reward: App. C.
     A trial starts at the origin. It is *terminated* when the first link hits the ground (or, to keep the
     integration accurate, when a velocity exceeds ``rate_bound``) and *truncated* after the trial length;
     ``info["outcome"]`` then says which.
@@ -125,11 +130,12 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
         largest = limit / unit
         most = float(np.finfo(np.float32).max)
         check(largest <= most, "torque_limit", limit, f"at most {most:g} times action_unit")
-        self.action_space = spaces.Box(-largest, largest, (3,), np.float32)
-        self.observation_space = spaces.Box(-np.inf, np.inf, (8,), np.float32)
-        self.state, self.period = np.zeros(6), 0
+        self.action_space = spaces.Box(-largest, largest, (self.pendulum.links,), np.float32)
+        size = self.pendulum.dimension
+        self.observation_space = spaces.Box(-np.inf, np.inf, (size + 2,), np.float32)
+        self.state, self.period = np.zeros(size), 0
         scaled = config.choices.observation == "scaled"
-        self.observation_scale = scale = np.array(paper.state_max) if scaled else np.ones(6)
+        self.observation_scale = scale = np.array(paper.state_max) if scaled else np.ones(size)
         moving = self.pendulum.coefficients, self.pendulum.lengths, self.rule.limits
         circle = paper.circle_height, paper.circle_radius, paper.circle_speed
         reward = paper.reward_constant, paper.reward_slope
@@ -142,10 +148,12 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
         return self.period * self.rule.control_period
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Seen, Info]:
-        """Start a trial at the origin (Sec. IV-B), or at ``options["state"]`` [6]."""
+        """Start a trial at the origin (Sec. IV-B), or at ``options["state"]`` [2n]."""
         super().reset(seed=seed)
-        start = np.zeros(6) if options is None else np.asarray(options.get("state", np.zeros(6)), np.float64)
-        check(start.shape == (6,) and bool(np.isfinite(start).all()), "state", start, "six finite numbers")
+        origin = np.zeros(self.pendulum.dimension)
+        start = np.asarray((options or {}).get("state", origin), np.float64)
+        fits = start.shape == origin.shape and bool(np.isfinite(start).all())
+        check(fits, "state", start, f"{origin.size} finite numbers")
         self.state, self.period = start.copy(), 0
         if self.render_mode == "human":
             self.render()
@@ -153,8 +161,8 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Seen, float, bool, bool, Info]:
         """One control period."""
-        a = np.asarray(action, dtype=np.float64)
-        state, reward, ended = advance(self.arrays, as_state(self.state), (a[0], a[1], a[2]), self.period)
+        torque = np.asarray(action, np.float64).reshape(self.pendulum.links)
+        state, reward, ended = advance(self.arrays, self._state, tuple(torque.tolist()), self.period)
         self.state, self.period = np.array(state), self.period + 1
         truncated = ended == TIME_OVER
         terminated = ended != 0 and not truncated
@@ -162,10 +170,14 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
             self.render()
         return self.observation(), float(reward), terminated, truncated, {"outcome": ENDS[ended]}
 
+    @property
+    def _state(self) -> State:
+        return tuple(self.state.tolist())
+
     def observation(self) -> Seen:
-        """What π sees now, [8]."""
-        out = np.empty(8, np.float32)
-        observe(self.arrays, as_state(self.state), self.period, out)
+        """What π sees now, [2n + 2]."""
+        out = np.empty(self.pendulum.dimension + 2, np.float32)
+        observe(self.arrays, self._state, self.period, out)
         return out
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -173,7 +185,7 @@ class ThreeLinkCircleEnv(gym.Env[Seen, NDArray[np.float32]]):
         return self.draw(self.state, self.time)
 
     def draw(self, x: Floats, time: float, words: str = "") -> NDArray[np.uint8] | None:
-        """As `render`, of any state x [6] and the target at ``time`` (s), with words in the title."""
+        """As `render`, of any state x [2n] and the target at ``time`` (s), with words in the title."""
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode: pass render_mode to gymnasium.make")
             return None

@@ -12,19 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from srlrepro.compiled.jit import inner, jit
+from srlrepro.compiled.stack import read, unpacked, write
 from srlrepro.dynamics.lqg import LQG, Gains, lqg_update
-from srlrepro.dynamics.pendulum import (
-    Coefficients,
-    Floats,
-    State,
-    ThreeLinkPendulum,
-    Torque,
-    as_state,
-    as_states,
-    rk4_step,
-)
+from srlrepro.dynamics.pendulum import Coefficients, Floats, Pendulum, State, Torque, as_states, rk4_step
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config, check_parameters
+from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
 
 Labels = NDArray[np.int64]
@@ -62,8 +55,17 @@ class RecoveryRule:
 
 
 @jit
+def _within(state: State, angle: float, rate: float) -> bool:
+    """Whether no |θ_i| exceeds ``angle`` and no |θ̇_i| exceeds ``rate``; NaN exceeds both."""
+    x, n, inside = unpacked(state), len(state) // 2, True
+    for i in range(n):
+        inside = inside and abs(x[i]) <= angle and abs(x[n + i]) <= rate
+    return inside
+
+
+@jit
 def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Torque) -> tuple[State, int]:
-    """One control period with the torque u (3-tuple) held.
+    """One control period from the state [2n], with the torque u [n] held.
 
     Returns:
         (state, 0 or the outcome that ends the rollout). No step beyond the rate bound (or to NaN) is taken.
@@ -71,7 +73,7 @@ def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Tor
     dt, substeps, ground, _, _, bound = limits
     for _ in range(substeps):
         new = rk4_step(coefficients, state, u, dt)
-        if not (abs(new[3]) <= bound and abs(new[4]) <= bound and abs(new[5]) <= bound):
+        if not _within(new, np.inf, bound):
             return state, NOT_RECOVERED
         state = new
         if abs(state[0]) >= ground:
@@ -81,34 +83,32 @@ def hold_torque(coefficients: Coefficients, limits: Limits, state: State, u: Tor
 
 @jit
 def is_upright(limits: Limits, state: State) -> bool:
-    """Whether the state (6-tuple) lies in the box that counts as recovered."""
-    angle, rate = limits[3], limits[4]
-    near = abs(state[0]) <= angle and abs(state[1]) <= angle and abs(state[2]) <= angle
-    return near and abs(state[3]) <= rate and abs(state[4]) <= rate and abs(state[5]) <= rate
+    """Whether the state [2n] lies in the box that counts as recovered."""
+    return _within(state, limits[3], limits[4])
 
 
 @inner
 def recover(
     coefficients: Coefficients, gains: Gains, limits: Limits, periods: int, x: Floats, path: Floats
 ) -> tuple[int, int]:
-    """Run K from x [6].
+    """Run K from x [2n].
 
     Args:
-        path: [periods + 1, 6], filled with the states at the control instants, the last one repeated after
+        path: [periods + 1, 2n], filled with the states at the control instants, the last one repeated after
             the outcome; without rows nothing is recorded.
 
     Returns:
         (outcome, control periods until it).
     """
-    xbar, y, u = x.copy(), x.copy(), np.zeros(3)
-    state, outcome, t = as_state(x), 0, 0
+    xbar, y, u = x.copy(), x.copy(), np.zeros(len(coefficients.idle))
+    state, outcome, t = read(x, coefficients.upright), 0, 0
     record = path.shape[0] > 0
     if abs(state[0]) >= limits[2]:
         outcome = HIT_GROUND
     while True:
-        y[0], y[1], y[2], y[3], y[4], y[5] = state
+        write(state, y)
         if record:
-            for j in range(6):
+            for j in range(y.size):
                 path[t, j] = y[j]
         if outcome == 0 and is_upright(limits, state):
             outcome = RECOVERED
@@ -117,10 +117,10 @@ def recover(
         if outcome != 0:
             break
         lqg_update(gains, xbar, y, u)
-        state, outcome = hold_torque(coefficients, limits, state, (u[0], u[1], u[2]))
+        state, outcome = hold_torque(coefficients, limits, state, read(u, coefficients.idle))
         t += 1
     for later in range(t + 1, path.shape[0]):
-        for j in range(6):
+        for j in range(y.size):
             path[later, j] = y[j]
     return outcome, t
 
@@ -137,7 +137,7 @@ class Rollouts:
 
     outcomes: Labels  # [B] keys of `OUTCOMES`
     durations: Floats  # [B] s until the outcome
-    paths: Floats  # [B, T + 1, 6] rad and rad/s at the control instants; [B, 0, 6] if not asked for
+    paths: Floats  # [B, T + 1, 2n] rad and rad/s at the control instants; [B, 0, 2n] if not asked for
 
     @property
     def labels(self) -> Labels:
@@ -149,14 +149,18 @@ class Rollouts:
 class ClosedLoop:
     """A system (nominal or real) under the corrective controller K."""
 
-    system: ThreeLinkPendulum = ThreeLinkPendulum()
+    system: Pendulum = Pendulum()
     controller: LQG = LQG()  # K, always derived from the nominal system
     rule: RecoveryRule = RecoveryRule()  # when a rollout ends
+
+    def __post_init__(self) -> None:
+        links, known = self.system.links, self.controller.nominal.links
+        check(known == links, "controller.nominal.links", known, f"{links}, as the system has")
 
     @classmethod
     def from_config(cls, config: Config, delta: float = 1.0) -> "ClosedLoop":
         """The system with mismatch Δ under K, with the values of a configuration."""
-        nominal = ThreeLinkPendulum(**config.arguments_of(ThreeLinkPendulum))
+        nominal = Pendulum(**config.arguments_of(Pendulum))
         controller = LQG(nominal, **config.arguments_of(LQG))
         rule = RecoveryRule(**config.arguments_of(RecoveryRule))
         return cls(replace(nominal, delta=delta), controller, rule)
@@ -167,10 +171,11 @@ class ClosedLoop:
         return self.system.coefficients, self.controller.arrays, self.rule.limits, self.rule.periods
 
     def rollout(self, x: ArrayLike, record: bool = True) -> Rollouts:
-        """Run K from the states x [B, 6]; ``record``: keep the paths."""
-        states = as_states(x)
+        """Run K from the states x [B, 2n]; ``record``: keep the paths."""
+        states = as_states(x, self.system.dimension)
         batch, rows = len(states), (self.rule.periods + 1) if record else 0
-        paths, outcomes, durations = np.empty((batch, rows, 6)), np.empty(batch, np.int64), np.empty(batch)
+        paths, outcomes = np.empty((batch, rows, self.system.dimension)), np.empty(batch, np.int64)
+        durations = np.empty(batch)
         _recover_batch(self.kernel_arguments, states, paths, outcomes, durations)
         return Rollouts(outcomes, durations * self.rule.control_period, paths)
 

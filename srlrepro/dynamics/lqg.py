@@ -5,8 +5,8 @@ r"""The corrective controller K(x): a linear-quadratic-Gaussian regulator of the
 
     x_{t+1} = A x_t + B (u_t + w_t),     y_t = x_t + v_t,
 
-with independent white noises w_t ~ N(0, σ_w² I₃) (a disturbance torque, N·m, held over the period) and
-v_t ~ N(0, diag(σ_θ² I₃, σ_θ̇² I₃)) (of the measured angles, rad, and rates, rad/s). The regulator
+with independent white noises w_t ~ N(0, σ_w² I) (a disturbance torque, N·m, held over the period) and
+v_t ~ N(0, diag(σ_θ² I, σ_θ̇² I)) (of the measured angles, rad, and rates, rad/s). The regulator
 minimises E Σ_t x_tᵀ Q x_t + u_tᵀ R u_t. By the separation principle it is u_t = −L x̂_t with
 
     L = (R + Bᵀ P B)⁻¹ Bᵀ P A,           P = Aᵀ P A + Q − Aᵀ P B L          (control Riccati equation)
@@ -28,7 +28,8 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from srlrepro.compiled.jit import jit
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum
+from srlrepro.compiled.stack import room
+from srlrepro.dynamics.pendulum import Floats, Pendulum
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import check_parameters
 from srlrepro.settings.fields import check
@@ -51,24 +52,24 @@ def riccati(a: Floats, b: Floats, q: Floats, r: Floats) -> Floats:
 
 @jit
 def lqg_update(gains: Gains, xbar: Floats, y: Floats, u: Floats) -> None:
-    """One period of K: reads the measurement y [6], writes u [3], advances the prediction x̄ [6] in place."""
+    """One period of K: reads the measurement y [2n], writes u [n], advances the prediction x̄ [2n]."""
     a, b, gain, filter_gain, limit = gains
-    xhat = np.empty(6)
-    for i in range(6):
+    size, xhat = xbar.size, room()
+    for i in range(size):
         s = xbar[i]
-        for j in range(6):
+        for j in range(size):
             s += filter_gain[i, j] * (y[j] - xbar[j])
         xhat[i] = s
-    for i in range(3):
+    for i in range(u.size):
         s = 0.0
-        for j in range(6):
+        for j in range(size):
             s -= gain[i, j] * xhat[j]
         u[i] = min(max(s, -limit), limit)
-    for i in range(6):
+    for i in range(size):
         s = 0.0
-        for j in range(6):
+        for j in range(size):
             s += a[i, j] * xhat[j]
-        for j in range(3):
+        for j in range(u.size):
             s += b[i, j] * u[j]
         xbar[i] = s
 
@@ -82,10 +83,10 @@ class LQG:
         LinAlgError (from its gains): there is no K for these values, as far as rounding allows to tell.
     """
 
-    nominal: ThreeLinkPendulum = ThreeLinkPendulum()
+    nominal: Pendulum = Pendulum()
     control_period: float = Choices.control_period  # s
-    lqr_angle_weight: float = Choices.lqr_angle_weight  # first three of diag Q, 1/rad²
-    lqr_rate_weight: float = Choices.lqr_rate_weight  # last three of diag Q, s²/rad²
+    lqr_angle_weight: float = Choices.lqr_angle_weight  # first n of diag Q, 1/rad²
+    lqr_rate_weight: float = Choices.lqr_rate_weight  # last n of diag Q, s²/rad²
     lqr_torque_weight: float = Choices.lqr_torque_weight  # diag R, 1/(N·m)²
     torque_noise: float = Choices.torque_noise  # σ_w, N·m
     angle_noise: float = Choices.angle_noise  # σ_θ, rad
@@ -97,8 +98,8 @@ class LQG:
         delta = self.nominal.delta
         check(delta == 1.0, "nominal.delta", delta, "1: K knows the nominal system only")
 
-    def sampled(self, system: ThreeLinkPendulum) -> tuple[Floats, Floats]:
-        """A [6, 6], B [6, 3] of a system linearised at upright under zero-order hold."""
+    def sampled(self, system: Pendulum) -> tuple[Floats, Floats]:
+        """A [2n, 2n], B [2n, n] of a system linearised at upright under zero-order hold."""
         a, b = system.linearize()
         n, m = b.shape
         # As scipy.signal's cont2discrete; importing that takes half a second of every process.
@@ -107,34 +108,35 @@ class LQG:
 
     @cached_property
     def model(self) -> tuple[Floats, Floats]:
-        """A [6, 6], B [6, 3] of the sampled nominal system."""
+        """A [2n, 2n], B [2n, n] of the sampled nominal system."""
         return self.sampled(self.nominal)
 
     @cached_property
     def weights(self) -> tuple[Floats, Floats]:
-        """Q [6, 6] and R [3, 3]."""
-        q = np.diag([self.lqr_angle_weight] * 3 + [self.lqr_rate_weight] * 3)
-        return q, self.lqr_torque_weight * np.eye(3)
+        """Q [2n, 2n] and R [n, n]."""
+        n = self.nominal.links
+        q = np.diag([self.lqr_angle_weight] * n + [self.lqr_rate_weight] * n)
+        return q, self.lqr_torque_weight * np.eye(n)
 
     @cached_property
     def noise(self) -> tuple[Floats, Floats]:
-        """W [6, 6] and V [6, 6], the covariances of B w_t and v_t."""
-        _, b = self.model
-        measured = np.diag([self.angle_noise**2] * 3 + [self.rate_noise**2] * 3)
+        """W and V [2n, 2n], the covariances of B w_t and v_t."""
+        n, (_, b) = self.nominal.links, self.model
+        measured = np.diag([self.angle_noise**2] * n + [self.rate_noise**2] * n)
         return self.torque_noise**2 * b @ b.T, measured
 
     @cached_property
     def gain(self) -> Floats:
-        """The feedback gain L [3, 6] in N·m per rad and rad/s."""
+        """The feedback gain L [n, 2n] in N·m per rad and rad/s."""
         (a, b), (q, r) = self.model, self.weights
         p = riccati(a, b, q, r)
         return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a), np.float64)
 
     @cached_property
     def filter_gain(self) -> Floats:
-        """The steady-state Kalman gain K_f [6, 6] of the measurement update."""
+        """The steady-state Kalman gain K_f [2n, 2n] of the measurement update."""
         (a, _), (w, v) = self.model, self.noise
-        s = riccati(a.T, np.eye(6), w, v)
+        s = riccati(a.T, np.eye(len(a)), w, v)
         return np.asarray(np.linalg.solve(s + v, s).T, np.float64)
 
     @property
@@ -144,17 +146,17 @@ class LQG:
         ordered = [np.ascontiguousarray(m) for m in (a, b, self.gain, self.filter_gain)]
         return ordered[0], ordered[1], ordered[2], ordered[3], self.torque_limit
 
-    def closed_loop(self, system: ThreeLinkPendulum) -> Floats:
-        """Transition matrix [12, 12] of (x, x̄) near upright, without saturation.
+    def closed_loop(self, system: Pendulum) -> Floats:
+        """Transition matrix [4n, 4n] of (x, x̄) near upright, without saturation.
 
         x_{t+1} = A_Δ x − B_Δ L x̂ and x̄_{t+1} = (A − B L) x̂, where x̂ = (I − K_f) x̄ + K_f x.
         """
         (a, b), (a_real, b_real) = self.model, self.sampled(system)
-        from_x, from_xbar = self.filter_gain, np.eye(6) - self.filter_gain
+        from_x, from_xbar = self.filter_gain, np.eye(len(a)) - self.filter_gain
         to_x = [a_real - b_real @ self.gain @ from_x, -b_real @ self.gain @ from_xbar]
         regulated = a - b @ self.gain
         return np.block([to_x, [regulated @ from_x, regulated @ from_xbar]])
 
-    def spectral_radius(self, system: ThreeLinkPendulum) -> float:
+    def spectral_radius(self, system: Pendulum) -> float:
         """Largest |eigenvalue| of `closed_loop`; below 1, upright is locally asymptotically stable."""
         return float(np.abs(np.linalg.eigvals(self.closed_loop(system))).max())

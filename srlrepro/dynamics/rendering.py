@@ -21,8 +21,8 @@ LONGEST_GAP = 0.2  # s between two pictures of a window that cannot keep up
 
 
 def draw_pendulum(ax: Axes, joints: Floats, paper: Paper, color: str = LINK, circle: bool = True) -> Line2D:
-    """Draw ground, target circle and the pendulum with its joints [4, 2] (m) into ax; returns its line."""
-    reach = 3 * paper.link_length
+    """Draw ground, target circle and the pendulum of joints [n + 1, 2] (m) into ax; returns its line."""
+    reach = paper.length
     ax.axhline(0.0, color=GROUND, linewidth=3, zorder=0)
     if circle:
         centre = (0.0, paper.circle_height)
@@ -60,7 +60,7 @@ class PendulumView:
             FigureCanvasAgg(self._figure)
         self._began = self._shown = 0.0  # s, on the clock of the machine
         ax = self._figure.add_subplot()
-        self._line = draw_pendulum(ax, np.zeros((4, 2)), paper)
+        self._line = draw_pendulum(ax, np.zeros((paper.links + 1, 2)), paper)
         (self._target,) = ax.plot([], [], "o", color=TARGET, label="target $p_d$")
         self._title = ax.set_title("t = 0.00 s")
         ax.legend(loc="lower right")
@@ -68,7 +68,7 @@ class PendulumView:
         self._figure.set_layout_engine("none")
 
     def draw(self, joints: Floats, target: Sequence[float], title: str) -> None:
-        """Set the joints [4, 2] and the target (2) in m, and the title."""
+        """Set the joints [n + 1, 2] and the target (2) in m, and the title."""
         self._line.set_data(*joints.T)
         self._target.set_data([target[0]], [target[1]])
         self._title.set_text(title)

@@ -130,7 +130,8 @@ class CompiledPPO(PPO):
         self.policy.set_training_mode(False)
         rollout_buffer.reset()
         callback.on_rollout_start()
-        steps, task, (learner, policy, _) = blank(n_rollout_steps), stack.task, self.views()
+        task, (learner, policy, _) = stack.task, self.views()
+        steps = blank(n_rollout_steps, task.pendulum.links)
         # with a stride, torch draws one number after the other, as it does for one action at a time
         noise = torch.empty(*steps.actions.shape, 2)[..., 0].normal_().contiguous().numpy()
         x = task.state.copy()
@@ -195,7 +196,7 @@ class CompiledPPO(PPO):
         group, states = optimizer.param_groups[0], list(optimizer.state.values())
         # the generator and the order of calls are those of the buffer's own sampling
         orders = np.stack([np.random.permutation(self.n_steps) for _ in range(self.n_epochs)])  # noqa: NPY002
-        samples = Samples(*(np.squeeze(getattr(buffer, name)) for name in Samples._fields))
+        samples = Samples(*(getattr(buffer, name)[:, 0] for name in Samples._fields))
         loss = Loss(clip_range, self.vf_coef, self.ent_coef, self.max_grad_norm, self.normalize_advantage)
         done = int(states[0]["step"])
         adam = Optimizer(group["lr"], tuple(group["betas"]), group["eps"], done)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from srlrepro.compiled.jit import inner, jit
+from srlrepro.compiled.stack import read, write
 from srlrepro.dynamics.circle_env import TIME_OVER, Task, advance, observe
-from srlrepro.dynamics.pendulum import Floats, as_state
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.fast_ppo.network import Integers, Network, Passes, Reals, Single, forward, forward_one, turn
 from srlrepro.fast_ppo.update import HALF_LOG_2PI
 from srlrepro.supervisor import Singles, Supervision, supervise
@@ -25,14 +26,14 @@ class Policy(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """The record of N steps, written by `collect`.
+    """The record of N steps of a pendulum of n links, written by `collect`.
 
     Attributes:
-        observations: [N + 1, 8] before the step, and after the last one (or at the start of a new trial).
-        actions: [N, 3], not limited; log_probs: [N].
+        observations: [N + 1, 2n + 2] before the step, and after the last (or at the start of a new trial).
+        actions: [N, n], not limited; log_probs: [N].
         episode_starts: [N] 1 where a trial begins.
         rewards: [N] R of the step.
-        reached, states: [N, 8] and [N, 6], observation and state after the step, before a new trial.
+        reached, states: [N, 2n + 2] and [N, 2n], observation and state after the step, before a new trial.
         ended: [N] 0, or what ended the trial if K did not (`ENDS`).
         cut_off: [N] 1 where the trial was cut off (truncated): the return goes on with V of what was reached.
         recoveries, recovery_periods: [N] outcome and duration of K; 0 where it was not needed.
@@ -81,24 +82,24 @@ def _act(policy: Policy, observation: Singles, noise: Singles, action: Singles) 
 def collect(
     task: Task, supervision: Supervision, policy: Policy, noise: Singles, x: Floats, period: int, steps: Steps
 ) -> int:
-    """Take N steps from the state x [6] (updated), where ``period`` control periods of a trial are over.
+    """Take N steps from the state x [2n] (updated), where ``period`` control periods of a trial are over.
 
-    noise: [N, 3] standard normal.
+    noise: [N, n] standard normal.
 
     Returns:
         The control periods of the last trial that are over.
     """
     turn(policy.actor, policy.single)
-    observation = np.empty(8, np.float32)
-    observe(task, as_state(x), period, observation)
+    observation = np.empty(x.size + 2, np.float32)
+    upright, idle = task.coefficients.upright, task.coefficients.idle
+    observe(task, read(x, upright), period, observation)
     for n in range(noise.shape[0]):
         _copy(observation, steps.observations[n])
         steps.episode_starts[n] = period == 0
         action = steps.actions[n]
         steps.log_probs[n] = _act(policy, observation, noise[n], action)
-        torque = (np.float64(action[0]), np.float64(action[1]), np.float64(action[2]))
-        state, reward, ended = advance(task, as_state(x), torque, period)
-        x[0], x[1], x[2], x[3], x[4], x[5] = state
+        state, reward, ended = advance(task, read(x, upright), read(action, idle), period)
+        write(state, x)
         period += 1
         recovery, duration = supervise(supervision, task, x, ended)
         steps.recoveries[n], steps.recovery_periods[n] = recovery, duration
@@ -109,15 +110,15 @@ def collect(
         steps.rewards[n], steps.ended[n] = reward, ended
         if ended != 0 or recovery != 0:
             x[:], period = 0.0, 0
-            observe(task, as_state(x), period, observation)
+            observe(task, upright, period, observation)
     _copy(observation, steps.observations[noise.shape[0]])
     return period
 
 
-def blank(count: int) -> Steps:
-    """A record of ``count`` steps, to be written."""
-    observations, reached = (np.empty((rows, 8), np.float32) for rows in (count + 1, count))
-    actions, states = np.empty((count, 3), np.float32), np.empty((count, 6))
+def blank(count: int, links: int) -> Steps:
+    """A record of ``count`` steps of a pendulum of so many links, to be written."""
+    observations, reached = (np.empty((rows, 2 * links + 2), np.float32) for rows in (count + 1, count))
+    actions, states = np.empty((count, links), np.float32), np.empty((count, 2 * links))
     log_probs, starts = (np.empty(count, np.float32) for _ in range(2))
     codes = [np.empty(count, np.int64) for _ in range(4)]
     return Steps(observations, actions, log_probs, np.empty(count), starts, reached, states, *codes)
@@ -125,7 +126,7 @@ def blank(count: int) -> Steps:
 
 @jit
 def values(critic: Network, memory: Passes, observations: Singles) -> Singles:
-    """V [N] of observations [N, 8], as many at a time as the memory holds."""
+    """V [N] of observations [N, 2n + 2], as many at a time as the memory holds."""
     batch, out = memory.output.shape[1], np.empty(len(observations), np.float32)
     for start in range(0, out.size, batch):
         count = min(batch, out.size - start)

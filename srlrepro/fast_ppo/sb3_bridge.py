@@ -122,7 +122,7 @@ class Stack:
     def rewind(self, steps: Steps, n: int) -> None:
         """Put the task where it stood after step n of a rollout; the Monitor has been told so far."""
         period = len(self.monitor.rewards)
-        self.place(steps.states[n] if period else np.zeros(6), period)
+        self.place(steps.states[n] if period else np.zeros_like(steps.states[n]), period)
 
     def infos(self, steps: Steps) -> Iterator[Info]:
         """``info`` of every step, as the wrappers and the vectorised environment would have put it together.

@@ -51,7 +51,7 @@ class Progress:
     """What a training has recorded so far."""
 
     trials: list[dict[str, Any]] = field(default_factory=list)
-    visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [6] in rad and rad/s
+    visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [2n] in rad and rad/s
     seconds: float = 0.0  # that the training has taken, over all its sittings
 
 
@@ -93,9 +93,10 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
 
 def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[str, Any]) -> None:
     """Write a checkpoint of a learner between two updates; ``identity`` says of which run (JSON)."""
+    monitor, task = _monitor_and_task(model)
     recorded: dict[str, Any] = {f"trial.{name}": [trial[name] for trial in progress.trials] for name in TRIAL}
-    recorded |= {"visited": np.reshape(progress.visited, (-1, 6)), "seconds": progress.seconds}
-    recorded |= {"rewards": _monitor_and_task(model)[0].rewards, "identity": json.dumps(identity)}
+    recorded |= {"visited": np.reshape(progress.visited, (-1, task.state.size)), "seconds": progress.seconds}
+    recorded |= {"rewards": monitor.rewards, "identity": json.dumps(identity)}
     arrays = {name: np.asarray(recorded[name], kind) for name, kind in RECORDED.items()}
     write_arrays(path, FORMAT, **_learner_arrays(model), **arrays)
 
@@ -112,7 +113,8 @@ def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str
         "the trial under way": 0 <= period < periods and found["rewards"].shape == (period,),
         "numpy's generator": 0 <= place <= KEYS and has_gauss in (0, 1),
         "torch's generator": left + following == KEYS + 1 or (left, following) == (1, 0),
-        "the visited states": found["visited"].shape[1:] == (6,) and len(found["visited"]) <= steps,
+        "the visited states": found["visited"].shape[1:] == found["state"].shape
+        and len(found["visited"]) <= steps,
         "the table of trials": all(column.shape == rows and len(rows) == 1 for column in columns)
         and bool(((lengths >= 1) & (lengths <= ends) & (ends <= steps)).all() and all(known)),
         "the time": found["seconds"].shape == () and bool(found["seconds"] >= 0),

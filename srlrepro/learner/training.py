@@ -4,8 +4,8 @@ The products of a run, in one folder:
 
 - ``trials.csv``: one row per trial (`TRIAL_COLUMNS`);
 - ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
-- ``visited.npz``: states x [N, 6] that the learner's steps reached, the last of a trial included: a sample of
-  the distribution 𝒟 of Sec. III;
+- ``visited.npz``: states x [N, 2n] that the learner's steps reached, the last of a trial included: a sample
+  of the distribution 𝒟 of Sec. III;
 - ``policy.npz``: the actor of the final policy as plain arrays (`srlrepro.load_policy`);
 - ``policy.zip``: the whole learner, an archive of stable-baselines3 with pickles, which nothing here reads;
 - ``run.json``: what was run, the counts of Fig. 3 (d)-(f), the final policy's trials, and provenance.

@@ -13,7 +13,7 @@ from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, target
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.supervisor import Supervisor
 
-Actor = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # an action [3] from an observation [8]
+Actor = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # an action [n] from an observation [2n + 2]
 
 
 class Predictor(Protocol):
@@ -24,9 +24,9 @@ class Predictor(Protocol):
 
 
 class Transition(NamedTuple):
-    """One control period of π: states [6] before and after it in rad and rad/s, R, and what was said of it.
+    """One control period of π: states [2n] before and after it in rad and rad/s, R, and what was said of it.
 
-    action: [3] in units of ``action_unit``.
+    action: [n] in units of ``action_unit``.
     """
 
     x: Floats
@@ -36,9 +36,9 @@ class Transition(NamedTuple):
     info: dict[str, Any]
 
 
-def untrained(rng: Generator, log_std: float) -> Actor:
+def untrained(rng: Generator, log_std: float, links: int) -> Actor:
     """About what a policy does before its training: normal actions of mean 0, whatever it sees."""
-    return lambda _: rng.normal(0.0, np.exp(log_std), 3).astype(np.float32)
+    return lambda _: rng.normal(0.0, np.exp(log_std), links).astype(np.float32)
 
 
 def transitions(env: gym.Env[Any, Any], act: Actor) -> Iterator[Transition]:
@@ -59,7 +59,7 @@ class Trial:
     """One trial, with the recovery by K if there was one.
 
     Attributes:
-        joints: [T + 1, 4, 2] m, at the control instants.
+        joints: [T + 1, n + 1, 2] m, at the control instants.
         targets: [T + 1, 2] m, p_d at the same instants.
         supervised: [T + 1] whether K acts from the instant on.
         total: return of π; steps: its control periods.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from srlrepro.compiled.jit import inner, jit
-from srlrepro.dynamics.pendulum import Floats, as_state
+from srlrepro.dynamics.pendulum import Floats
 
 FAR = 1e6  # half ranges: beyond, all training states are equally far away
 
@@ -21,20 +21,16 @@ def _rank(numbers: Floats, count: int, j: int) -> int:
 def map_state(
     scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, skip: int, x: Floats
 ) -> tuple[float, float]:
-    """Ψ of one state x [6]: (y_1, y_2); ``skip``: index of a training state to leave out, or -1.
+    """Ψ of one state x [d]: (y_1, y_2); ``skip``: index of a training state to leave out, or -1.
 
-    scale [6]: half ranges; x_train [6, k]: scaled training states, one row per coordinate, so that the
+    scale [d]: half ranges; x_train [d, k]: scaled training states, one row per coordinate, so that the
     distances are computed several at a time; y_train [k, 2].
     """
-    k, squared = x_train.shape[1], np.empty(x_train.shape[1])
-    v = scale.copy()
-    for j in range(6):
-        v[j] = min(max(x[j] / scale[j], -FAR), FAR)
-    v0, v1, v2, v3, v4, v5 = as_state(v)
-    for i in range(k):
-        d0, d1, d2 = x_train[0, i] - v0, x_train[1, i] - v1, x_train[2, i] - v2
-        d3, d4, d5 = x_train[3, i] - v3, x_train[4, i] - v4, x_train[5, i] - v5
-        squared[i] = d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5
+    k, squared = x_train.shape[1], np.zeros(x_train.shape[1])
+    for j in range(scale.size):
+        v, row = min(max(x[j] / scale[j], -FAR), FAR), x_train[j]
+        for i in range(k):
+            squared[i] += (row[i] - v) * (row[i] - v)
     if skip >= 0:
         squared[skip] = np.inf
     # Of the minima over disjoint sets, the one with the rank sought bounds the distances sought from above.
@@ -67,7 +63,7 @@ def map_state(
 def map_states(
     scale: Floats, x_train: Floats, y_train: Floats, neighbours: int, leave_one_out: bool, x: Floats
 ) -> Floats:
-    """Ψ of states x [B, 6]: y [B, 2]. ``leave_one_out``: x are the training states, each without itself."""
+    """Ψ of states x [B, d]: y [B, 2]. ``leave_one_out``: x are the training states, each without itself."""
     y = np.empty((x.shape[0], 2))
     for i in range(x.shape[0]):
         skip = i if leave_one_out else -1

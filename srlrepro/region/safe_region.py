@@ -60,7 +60,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     gamma_prior: float = Choices.gamma_prior  # c
     gamma_empty: float = Choices.gamma_empty  # Γ_0
     gamma_cells: int = Choices.gamma_cells  # G
-    state_max: tuple[float, ...] = Paper().state_max  # [6] half ranges that scale the states
+    state_max: tuple[float, ...] = Paper().state_max  # [d] half ranges that scale the states
     random_state: int = 0  # seed of t-SNE
 
     @classmethod
@@ -72,19 +72,19 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         """Learn Ψ and Γ.
 
         Args:
-            x: [k, 6] training states, rad and rad/s.
+            x: [k, d] training states, rad and rad/s.
             z: [k] their labels l_n(x), 0 or 1.
-            trajectories: [k, T, 6] closed-loop trajectories of the nominal system from x.
+            trajectories: [k, T, d] closed-loop trajectories of the nominal system from x.
         """
-        k = len(as_states(x))
+        k = len(self._states(x))
         self._check_parameters(k)
         check(k >= LEAST_STATES, "k", k, f"a whole number in [{LEAST_STATES}, inf)")
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
         return self.fit_embedding(x, z, embed(omega, self.perplexity, self.random_state))
 
     def fit_embedding(self, x: ArrayLike, z: ArrayLike, y: ArrayLike) -> "SafeRegion":
-        """Learn Ψ and Γ from states x [k, 6], labels z [k] and given simplified states y [k, 2]."""
-        states, labels, places = as_states(x), np.asarray(z), np.ascontiguousarray(y, dtype=np.float64)
+        """Learn Ψ and Γ from states x [k, d], labels z [k] and given simplified states y [k, 2]."""
+        states, labels, places = self._states(x), np.asarray(z), np.ascontiguousarray(y, dtype=np.float64)
         k = len(states)
         self._check_parameters(k)
         check(labels.shape == (k,), "z", f"shape {labels.shape}", f"labels of shape [{k}]")
@@ -104,26 +104,31 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid)
         return self
 
+    def _states(self, x: ArrayLike) -> Floats:
+        """States as an array [B, d], of the dimension of ``state_max``."""
+        high = self.state_max
+        fits = isinstance(high, tuple) and len(high) > 0
+        fits = fits and all(is_number(v) and 0 < v < np.inf for v in high)
+        check(fits, "state_max", high, "a tuple of numbers in (0, inf)")
+        return as_states(x, len(high))
+
     def _check_parameters(self, k: int) -> None:
         """See that the parameters are allowed, and that there are k ≥ 2 training states."""
         check_parameters(self.get_params())
-        high, seed = self.state_max, self.random_state
-        six = isinstance(high, tuple) and len(high) == 6
-        six = six and all(is_number(v) and 0 < v < np.inf for v in high)
-        check(six, "state_max", high, "a tuple of six numbers in (0, inf)")
+        seed = self.random_state
         check_whole("random_state", int(seed) if is_number(seed, whole=True) else seed, 0, MOST_SEED)
         check(k >= 2, "k", k, "a whole number in [2, inf)")
 
     def transform(self, x: ArrayLike) -> Floats:
-        """Ψ: simplified states y [B, 2] of the states x [B, 6]."""
+        """Ψ: simplified states y [B, 2] of the states x [B, d]."""
         check_is_fitted(self)
         a = self.arrays_
-        return map_states(a.scale, a.x_train, a.y_train, a.neighbours, False, as_states(x))
+        return map_states(a.scale, a.x_train, a.y_train, a.neighbours, False, self._states(x))
 
     def safety(self, x: ArrayLike) -> Floats:
         """Γ(Ψ(x)) [B], the probability that x is safe (eq. 4)."""
         check_is_fitted(self)
-        return query_batch(self.arrays_, as_states(x))
+        return query_batch(self.arrays_, self._states(x))
 
     def predict_proba(self, x: ArrayLike) -> Floats:
         """[B, 2]: the probabilities of unsafe (0) and safe (1), the latter Γ(Ψ(x))."""
@@ -175,11 +180,12 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         region = cls(**values)
         a = {n: stored[f"array_{n}"] for n in fields}
         labels, evidence = stored["labels"], stored["evidence"]
-        k, cells = labels.size, region.gamma_cells
+        k, size, cells = labels.size, np.size(values["state_max"]), region.gamma_cells
         parts = (*a.values(), evidence, labels)
-        shapes = [(6,), (6, k), (k, 2), (), (cells, cells), (2,), (), (), (k, 2), (k,)]
+        shapes = [(size,), (size, k), (k, 2), (), (cells, cells), (2,), (), (), (k, 2), (k,)]
         try:
             region._check_parameters(k)
+            region._states(np.zeros(size))
             fits = [part.shape for part in parts] == shapes and all(np.isfinite(part).all() for part in parts)
             fits = fits and bool(np.isin(labels, (0, 1)).all()) and a["cell"] >= TINY
             fits = fits and bool(np.array_equal(a["scale"], region.state_max) and (a["scale"] >= TINY).all())

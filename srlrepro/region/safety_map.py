@@ -25,8 +25,8 @@ MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a k
 class RegionArrays(NamedTuple):
     """A fitted region as compiled code takes it."""
 
-    scale: Floats  # [6] half ranges
-    x_train: Floats  # [6, k] scaled
+    scale: Floats  # [d] half ranges
+    x_train: Floats  # [d, k] scaled
     y_train: Floats  # [k, 2]
     neighbours: int  # of Ψ
     gamma: Floats  # [G, G], cell (i, j) covers y = origin + cell·([i, i + 1), [j, j + 1))
@@ -47,7 +47,7 @@ def look_up(region: RegionArrays, y1: float, y2: float) -> float:
 
 @jit
 def query(region: RegionArrays, x: Floats) -> tuple[float, float, float]:
-    """(y_1, y_2, Γ) of one state x [6]: Ψ, then Γ."""
+    """(y_1, y_2, Γ) of one state x [d]: Ψ, then Γ."""
     y1, y2 = map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)
     return y1, y2, look_up(region, y1, y2)
 

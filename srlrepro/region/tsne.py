@@ -22,22 +22,22 @@ from srlrepro.settings.fields import check
 
 
 def trajectory_distances(paths: ArrayLike, state_max: ArrayLike) -> Floats:
-    """ω [k, k]: RMS distance over the T instants of the scaled paths [k, T, 6], each entry limited to ±1.
+    """ω [k, k]: RMS distance over the T instants of the scaled paths [k, T, d], each entry limited to ±1.
 
     Where K has lost control the velocities run far out of the state space of App. C, and how far they run
     says nothing about the state that they started from.
     """
-    array = np.asarray(paths, dtype=np.float64)
-    fits = array.ndim == 3 and array.shape[2] == 6
-    check(fits, "trajectories", f"shape {array.shape}", "of shape [k, T, 6]")
+    array, high = np.asarray(paths, dtype=np.float64), np.asarray(state_max)
+    fits = array.ndim == 3 and array.shape[2] == high.size
+    check(fits, "trajectories", f"shape {array.shape}", f"of shape [k, T, {high.size}]")
     check(bool(np.isfinite(array).all()), "trajectories", "NaN or infinity", "finite numbers (rad, rad/s)")
-    scaled = np.clip(array / np.asarray(state_max), -1.0, 1.0)
+    scaled = np.clip(array / high, -1.0, 1.0)
     flat = scaled.reshape(len(scaled), -1) / np.sqrt(scaled.shape[1])
     return np.asarray(squareform(pdist(flat)), np.float64)
 
 
 def dissimilarity(paths: ArrayLike, z: ArrayLike, state_max: ArrayLike, label_gap: float) -> Floats:
-    """Ω [k, k] of the paths [k, T, 6] and labels z [k]; symmetric, with a zero diagonal."""
+    """Ω [k, k] of the paths [k, T, d] and labels z [k]; symmetric, with a zero diagonal."""
     check_parameters({"label_gap": label_gap})
     omega, labels = trajectory_distances(paths, state_max), np.asarray(z)
     check(labels.shape == (len(omega),), "z", f"shape {labels.shape}", f"labels of shape [{len(omega)}]")

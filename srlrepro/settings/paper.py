@@ -11,16 +11,17 @@ class Paper:
     """Values stated by the paper; the metadata of each field names the place."""
 
     # fmt: off
-    link_length: float = stated("physics", 1.0, "(0, inf)", "m", "length of each link", "Sec. IV-A")
-    link_mass: float = stated("physics", 1.0, "(0, inf)", "kg", "nominal mass of each link", "Sec. IV-A")
+    links: int = stated("physics", 3, "[1, 8]", "", "number n of links, all alike", "Sec. IV-A")
+    length: float = stated("physics", 3.0, "(0, inf)", "m", "length of all links together", "Sec. IV-A")
+    mass: float = stated("physics", 3.0, "(0, inf)", "kg", "nominal mass of all links together", "Sec. IV-A")
     torque_limit: float = stated("physics", 100.0, "(0, inf)", "N·m", "limit of each torque", "Sec. IV-A")
     circle_height: float = stated("task", 2.7, "(-inf, inf)", "m", "height of the circle's centre", "Fig. 1")
     circle_radius: float = stated("task", 0.3, "(0, inf)", "m", "radius r of the target circle", "Fig. 1")
     circle_speed: float = stated("task", math.pi, "(0, inf)", "rad/s", "speed of the target", "Sec. IV-A")
     theta1_max: float = stated("physics", math.pi / 2, "(0, inf)", "rad", "UD range of θ1; ground", "App. C")
-    theta23_max: float = stated("data", math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3", "App. C")
+    theta23_max: float = stated("data", math.pi, "(0, inf)", "rad", "UD range of θ2 and θ3 (… θn)", "App. C")
     rate1_max: float = stated("data", 10.0, "(0, inf)", "rad/s", "UD range of θ̇1", "App. C")
-    rate23_max: float = stated("data", 20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3", "App. C")
+    rate23_max: float = stated("data", 20.0, "(0, inf)", "rad/s", "UD range of θ̇2 and θ̇3 (… θ̇n)", "App. C")
     k: int = stated("data", 1000, "[4, inf)", "", "number of training states", "Sec. IV-B")
     p_t: float = stated("region", 0.8, "(0, 1)", "", "probability threshold of S_y, eq. (5)", "Sec. IV-A")
     reward_constant: float = stated("task", 2.0, "(-inf, inf)", "", "R_c, reward for being safe", "App. C")
@@ -45,6 +46,7 @@ class Paper:
 
     @property
     def state_max(self) -> tuple[float, ...]:
-        """Half ranges of the state space of App. C, [6] in rad and rad/s."""
-        angles = (self.theta1_max, self.theta23_max, self.theta23_max)
-        return (*angles, self.rate1_max, self.rate23_max, self.rate23_max)
+        """Half ranges of the state space of App. C, [2n] in rad and rad/s; all joints but the first alike."""
+        others = self.links - 1
+        angles, rates = (self.theta23_max,) * others, (self.rate23_max,) * others
+        return (self.theta1_max, *angles, self.rate1_max, *rates)

@@ -16,7 +16,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_lear
 import srlrepro  # noqa: F401  (registers the task)
 from srlrepro.dynamics import rendering
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv, advance, observe, perfect_return, target
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, rk4_step
+from srlrepro.dynamics.pendulum import Floats, Pendulum, rk4_step
 from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.settings.config import Config
 
@@ -51,7 +51,7 @@ def test_the_task_is_registered_with_its_parameters() -> None:
     env = gym.make("srlrepro/ThreeLinkCircle-v0", delta=1.5, trial_length=1.0)
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
-    assert task.pendulum == ThreeLinkPendulum(1.5)
+    assert task.pendulum == Pendulum(1.5)
     env.reset(seed=0)
     ends = [env.step(IDLE)[3] for _ in range(round(1.0 / task.rule.control_period))]
     assert ends == [False] * (len(ends) - 1) + [True]
@@ -183,6 +183,21 @@ def test_a_trial_starts_at_the_origin_or_at_the_given_state() -> None:
     for bad in ([0] * 5, [nan] * 6, [[0] * 6]):
         with pytest.raises(ValueError, match="state = "):
             env.reset(options={"state": bad})
+
+
+@pytest.mark.parametrize("links", [1, 2, 8])
+def test_a_pendulum_of_other_links_has_the_same_task(links: int) -> None:
+    env = ThreeLinkCircleEnv(1.1, config=Config().with_values(links=links))
+    assert env.action_space.shape == (links,) and env.observation_space.shape == (2 * links + 2,)
+    seen, _ = env.reset()
+    np.testing.assert_array_equal(seen, [0.0] * (2 * links + 1) + [1.0])
+    for _ in range(3):
+        seen, reward, *_ = env.step(np.full(links, 0.01, np.float32))
+    distance = np.linalg.norm(env.pendulum.joints(env.state)[0, -1] - target(CIRCLE, env.time))
+    assert reward == pytest.approx(2.0 - 10.0 * distance)
+    np.testing.assert_allclose(seen[:-2], env.state, rtol=1e-6)
+    with pytest.raises(ValueError, match=f"must be {2 * links} finite numbers"):
+        env.reset(options={"state": [0.0] * 7})
 
 
 def test_the_same_actions_give_the_same_trial() -> None:

@@ -24,15 +24,16 @@ from srlrepro.dynamics.closed_loop import (
     recover,
 )
 from srlrepro.dynamics.lqg import LQG
-from srlrepro.dynamics.pendulum import Floats, ThreeLinkPendulum, derivative
+from srlrepro.dynamics.pendulum import Floats, Pendulum, derivative
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 
 DELTAS = (1.0, 1.1, 1.5, 4.0)
 Draw = Callable[..., Floats]
 
 
 def loop(delta: float = 1.0, **rule: float) -> ClosedLoop:
-    return ClosedLoop(ThreeLinkPendulum(delta), LQG(), replace(RecoveryRule(), **rule))
+    return ClosedLoop(Pendulum(delta), LQG(), replace(RecoveryRule(), **rule))
 
 
 @pytest.mark.parametrize("delta", DELTAS)
@@ -73,7 +74,7 @@ def plain_rollout(closed: ClosedLoop, x: Floats) -> tuple[int, list[Floats]]:
 
     ground.terminal = True  # type: ignore[attr-defined]
     for _ in range(rule.periods):
-        if (np.abs(x) <= [rule.recovered_angle] * 3 + [rule.recovered_rate] * 3).all():
+        if (np.abs(x) <= np.repeat([rule.recovered_angle, rule.recovered_rate], system.links)).all():
             return RECOVERED, path
         xhat = xbar + k.filter_gain @ (x - xbar)
         u = np.clip(-k.gain @ xhat, -k.torque_limit, k.torque_limit)
@@ -175,8 +176,9 @@ def test_a_recovery_that_takes_too_long_is_none() -> None:
 
 def test_a_configuration_reaches_every_part() -> None:
     config = Config().with_values(
-        link_mass=1.2,
-        link_length=0.9,
+        links=2,
+        mass=1.2,
+        length=0.9,
         gravity=9.0,
         control_period=0.02,
         lqr_angle_weight=90.0,
@@ -194,13 +196,34 @@ def test_a_configuration_reaches_every_part() -> None:
         rate_bound=200.0,
     )
     closed = ClosedLoop.from_config(config, 1.5)
-    nominal = ThreeLinkPendulum(1.0, 1.2, 0.9, 9.0)
+    nominal = Pendulum(1.0, 2, 1.2, 0.9, 9.0)
     assert closed.system == replace(nominal, delta=1.5)
     assert closed.controller == LQG(nominal, 0.02, 90.0, 2.0, 0.02, 9.0, 0.002, 0.03, 80.0)
     assert closed.rule == RecoveryRule(0.02, 5, 3.0, 1.4, 0.2, 0.4, 200.0)
     assert closed.rule.limits == (0.004, 5, 1.4, 0.2, 0.4, 200.0)
     assert closed.rule.periods == 150
     assert ClosedLoop.from_config(Config()) == ClosedLoop()
+
+
+@pytest.mark.parametrize("links", [1, 2, 5, 8])
+def test_other_numbers_of_links_are_labelled_by_the_same_rule(links: int) -> None:
+    """Upright is safe, the ground is not; between them labels agree with the second implementation."""
+    config = Config().with_values(links=links, substeps=60)  # short links are fast
+    closed, high = ClosedLoop.from_config(config), np.array(config.paper.state_max)
+    fallen = np.eye(2 * links)[0] * high[0]
+    assert closed.predict(np.stack([0 * high, fallen, 0.01 * high])).tolist() == [1, 0, 1]
+    states = np.random.default_rng(0).uniform(-high, high, (12, 2 * links)) * 0.2
+    found = closed.rollout(states)
+    assert found.paths.shape == (12, closed.rule.periods + 1, 2 * links)
+    for outcome, path, x in zip(found.outcomes[:4], found.paths, states, strict=False):
+        expected, plain = plain_rollout(closed, x)
+        assert outcome == expected
+        instants = min(len(plain), 20)
+        np.testing.assert_allclose(path[:instants], plain[:instants], atol=1e-3 * high[-1])
+    with pytest.raises(ParameterError, match=f"controller.nominal.links = 3: must be {links}"):
+        ClosedLoop(closed.system, LQG())
+    with pytest.raises(ParameterError, match=rf"must be states of shape \[B, {2 * links}\]"):
+        closed.predict(np.zeros(6))
 
 
 @pytest.mark.parametrize("bad", [np.zeros(5), np.zeros((2, 7)), [np.nan] * 6, [np.inf] * 6])

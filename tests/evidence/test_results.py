@@ -29,7 +29,7 @@ WriteRun = Callable[..., TrainedRun]
 
 
 def test_a_run_says_what_was_trained(write_run: WriteRun) -> None:
-    config = CONFIG.with_values(p_t=0.7, link_mass=2)
+    config = CONFIG.with_values(p_t=0.7, mass=2)
     visited = np.arange(12.0).reshape(2, 6)
     run = write_run(SUPERVISED, config=config, visited=visited, region="digest", steps_done=1024)
     assert run.condition == SUPERVISED and run.config == config and run.region == "digest"

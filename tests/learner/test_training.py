@@ -38,8 +38,11 @@ from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, count, learning_
 from srlrepro.learner.training import Run, make_env, make_learner, train
 from srlrepro.learner.trials import evaluate
 from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.region.safe_region import learn_region
+from srlrepro.samplers import generate
 from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.storage import files
 from srlrepro.storage.files import ResultError, read_arrays
 from srlrepro.supervisor import Supervisor
@@ -189,6 +192,21 @@ TRIALS = table(
         (41, 1, -9.0, "diverged", False, "", 0.0),
     ]
 )
+
+
+@pytest.mark.parametrize("links", [1, 2])
+def test_a_pendulum_of_other_links_is_trained_under_its_region(links: int, tmp_path: Path) -> None:
+    config = CONFIG.with_values(links=links, k=60, random_rollouts=30, p_t=0.3)
+    data = generate(1.0, config, 0)
+    region = learn_region(data, config)
+    run = replace(SUPERVISED, alpha=1.0, steps=2 * UPDATE)
+    for learner in ("compiled", "stock"):
+        result = train(run, config.with_values(learner=learner), region, tmp_path / learner, report=quiet)
+        assert result["steps_done"] == run.steps
+        visited = read_arrays(tmp_path / learner / "visited.npz", VISITED_FORMAT, ("x",))["x"]
+        assert visited.shape == (run.steps, 2 * links)
+    with pytest.raises(ParameterError, match=rf"must be states of shape \[B, {2 * links}\]"):
+        train(run, CONFIG, region, tmp_path / "other", report=quiet)
 
 
 def test_the_learning_curve_of_a_small_table() -> None:

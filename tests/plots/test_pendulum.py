@@ -11,7 +11,7 @@ from PIL import Image
 from replication.plots.pendulum import animate, animate_trials
 from replication.plots.style import CORRECTIVE, STAMP
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.dynamics.pendulum import ThreeLinkPendulum
+from srlrepro.dynamics.pendulum import Pendulum
 from srlrepro.learner.trials import Trial
 from srlrepro.settings.config import Config
 
@@ -20,12 +20,12 @@ def leaning(path: Path, note: str) -> None:
     """A clip of a pendulum that leans over in a second, in black."""
     x = np.zeros((21, 6))
     x[:, 0] = np.linspace(0, 0.5, 21)
-    animate(path, [("leaning", ThreeLinkPendulum().joints(x), "black")], Config().paper, 0.05, note)
+    animate(path, [("leaning", Pendulum().joints(x), "black")], Config().paper, 0.05, note)
 
 
 def standing(path: Path, note: str) -> None:
     """A trial of half a second without motion; K acts in its second half."""
-    joints, acting = ThreeLinkPendulum().joints(np.zeros((51, 6))), np.arange(51) > 25
+    joints, acting = Pendulum().joints(np.zeros((51, 6))), np.arange(51) > 25
     trial = Trial(joints, np.zeros((51, 2)), acting, total=0.0, steps=26, outcome="recovered")
     animate_trials(path, [("standing", trial)], ThreeLinkCircleEnv(), note)
 

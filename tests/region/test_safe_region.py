@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from srlrepro.region.safe_region import SafeRegion, learn_region
 from srlrepro.region.safety_map import RegionArrays, kernel_estimate, look_up, query, query_batch
 from srlrepro.samplers import generate, known_states
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
 from srlrepro.settings.paper import Paper
 
 Draw = Callable[..., Floats]
@@ -244,3 +246,24 @@ def test_predictions_are_fast_enough_for_every_step(draw: Draw) -> None:
     assert 0 < _ask(region.arrays_, x) < 1000
     assert best(lambda: _ask(region.arrays_, x)) / 1000 < 15e-6
     assert best(lambda: region.predict(x)) < 20e-3
+
+
+@pytest.mark.parametrize("links", [1, 2, 4])
+def test_a_region_has_the_dimension_of_its_states(links: int, tmp_path: Path) -> None:
+    config = Config().with_values(links=links, k=60, random_rollouts=200)
+    data = generate(0.5, config, 1)
+    region = learn_region(data, config)
+    assert region.state_max == config.paper.state_max and region.arrays_.x_train.shape == (2 * links, 61)
+    region.save(tmp_path / "region.npz")
+    loaded = SafeRegion.load(tmp_path / "region.npz")
+    np.testing.assert_array_equal(loaded.safety(data.x), region.safety(data.x))
+    assert loaded.digest() == region.digest() and loaded.made_of_ == region.made_of_
+    with pytest.raises(ParameterError, match=rf"x = shape \(1, 7\): must be .* \[B, {2 * links}\]"):
+        loaded.predict(np.zeros((1, 7)))
+
+
+def test_any_dimension_will_do(rng: np.random.Generator) -> None:
+    """Odd ones too: the trajectories may come from any simulator."""
+    x, z = rng.normal(size=(40, 3)), rng.integers(0, 2, 40)
+    region = SafeRegion(state_max=(1.0, 2.0, 3.0)).fit(x, z, x[:, None] + rng.normal(size=(40, 5, 3)))
+    assert region.safety(x).shape == (40,)

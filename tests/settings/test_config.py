@@ -105,9 +105,11 @@ def test_minibatches_divide_the_steps_of_an_update() -> None:
 
 def test_the_papers_values_are_those_of_the_paper() -> None:
     paper = Paper()
-    assert (paper.link_length, paper.link_mass, paper.torque_limit) == (1.0, 1.0, 100.0)
+    assert (paper.links, paper.length, paper.mass, paper.torque_limit) == (3, 3.0, 3.0, 100.0)
     assert (paper.circle_height, paper.circle_radius, paper.circle_speed) == (2.7, 0.3, math.pi)
     assert paper.state_max == (math.pi / 2, math.pi, math.pi, 10.0, 20.0, 20.0)
+    assert Paper(links=1).state_max == (math.pi / 2, 10.0)
+    assert Paper(links=4).state_max == (math.pi / 2, *[math.pi] * 3, 10.0, *[20.0] * 3)
     assert (paper.k, paper.p_t, paper.reward_constant, paper.reward_slope) == (1000, 0.8, 2.0, 10.0)
     assert (paper.n_steps, paper.n_minibatches, paper.n_epochs) == (2048, 128, 10)
 
