@@ -315,7 +315,7 @@ def test_what_is_changed_later_is_refused_or_heeded() -> None:
     model.learn(UPDATE)
     model.batch_size = 32
     model.learn(UPDATE)
-    assert model.views().learner.actor_passes.ones.size == 32
+    assert model.views().learner.actor_passes.output.shape[1] == 32
     model.target_kl = 0.1
     with pytest.raises(ParameterError, match=r"target_kl = 0\.1: must be one that CompiledPPO covers"):
         model.learn(UPDATE)
