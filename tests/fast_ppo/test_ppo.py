@@ -361,18 +361,3 @@ def test_an_update_is_many_times_faster_than_stocks() -> None:
         model.train()
         seconds.append(time.perf_counter() - started)
     assert seconds[0] > 15 * seconds[1]
-
-
-def test_making_and_saving_a_learner_leaves_torchs_compiler_unloaded(tmp_path: Path) -> None:
-    """Stock PPO loads it, a second of every process; afterwards torch's optimisers are as they were."""
-    code = f"""
-import sys, torch
-from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.fast_ppo.ppo import CompiledPPO
-added, stored = (getattr(torch.optim.Optimizer, n).__wrapped__ for n in ("add_param_group", "state_dict"))
-before = dict(vars(added)), dict(vars(stored))
-CompiledPPO("MlpPolicy", ThreeLinkCircleEnv(), device="cpu").save({str(tmp_path / "model.zip")!r})
-print("torch._dynamo" in sys.modules, before == (dict(vars(added)), dict(vars(stored))))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True"]
