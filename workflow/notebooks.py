@@ -11,6 +11,7 @@ import json
 import logging
 import math
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -46,6 +47,7 @@ SETTINGS = "SETTINGS"
 NAMES = ("ID", "UNIVERSES", "RUNS")
 COMPARED = "# NBVAL_CHECK_OUTPUT"
 INJECTED = "injected-parameters"  # papermill's tag
+ADDRESS = re.compile(r" at 0x[0-9a-f]+>")  # as Python shows an object that says nothing else of itself
 WITHOUT_CHECKSUM = (".csv", ".json")  # archives carry checksums of their own
 
 
@@ -249,13 +251,16 @@ def require_undamaged(folders: Iterable[Path], root: Path) -> None:
 
 
 def forget_machine(notebook: Any) -> None:
-    """Drop times, versions and papermill's bookkeeping, so that the same results give the same notebook."""
+    """Drop times, versions, addresses and papermill's books: the same results give the same notebook."""
     notebook.metadata.pop("papermill", None)
     notebook.metadata.get("language_info", {}).pop("version", None)  # of Python, to the last patch
     for cell in notebook.cells:
         cell.metadata.pop("papermill", None)
         cell.metadata.pop("execution", None)
         cell.pop("id", None)
+        for data in (output["data"] for output in cell.get("outputs", []) if "data" in output):
+            if "text/plain" in data:
+                data["text/plain"] = ADDRESS.sub(">", data["text/plain"])
     notebook.nbformat_minor = 4  # the last format without cell ids, which papermill draws at random
 
 

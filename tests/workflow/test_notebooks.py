@@ -15,7 +15,7 @@ from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError
 from srlrepro.storage.provenance import MADE_BY
 from workflow.command_line import ALPHAS, COMMAND_VARIABLE, DELTAS, SEEDS
-from workflow.notebooks import COMPARED, check_parameters, execute, parameters_of, prepare
+from workflow.notebooks import COMPARED, check_parameters, execute, forget_machine, parameters_of, prepare
 from workflow.sources import code_of
 
 ROOT = Path(__file__).parents[2]
@@ -287,3 +287,12 @@ def test_executed_notebooks_ran_to_their_end(path: Path) -> None:
         if cell.cell_type == "code":
             assert cell.execution_count is not None
             assert not any(output.output_type == "error" for output in cell.outputs)
+
+
+def test_an_address_in_memory_is_forgotten() -> None:
+    data = {"text/plain": "<pandas.io.formats.style.Styler at 0x7f32c5d1a0>", "text/html": "<b>0x7f</b>"}
+    outputs = [nbformat.v4.new_output("execute_result", data), nbformat.v4.new_output("stream", text="x")]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("table.style", outputs=outputs)])
+    forget_machine(notebook)
+    kept = notebook.cells[0].outputs[0]["data"]
+    assert kept == data | {"text/plain": "<pandas.io.formats.style.Styler>"}
