@@ -42,7 +42,8 @@ def test_jobs_run_here_or_on_slurm() -> None:
 
 @pytest.mark.slow
 def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None:
-    """36 runs and their measures; data, region and three notebooks for each dataset; nine others; the target.
+    """36 runs and their measures; data, region and three notebooks for each dataset; nine others; the
+    policies; the target.
 
     There are 3 datasets for each of 3 α; a notebook shows those of all α.
     """
