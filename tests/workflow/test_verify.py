@@ -19,6 +19,7 @@ from replication import documents
 from replication.digests import DIGESTS, SET, changed
 from replication.tables import RUN, Found
 from srlrepro.pins import ARITHMETIC
+from srlrepro.settings.config import Config
 from srlrepro.storage.files import ResultError, write_json, write_table
 from workflow import driver, verify
 from workflow.command_line import make_verify_parser
@@ -168,7 +169,7 @@ def test_ctrl_c_leaves_nothing_behind(
     [
         ({"arithmetic": ARITHMETIC + 1}, f"of arithmetic {ARITHMETIC + 1}, not of {ARITHMETIC}"),
         ({"arithmetic": None}, f"of an earlier arithmetic, not of {ARITHMETIC}"),
-        ({"values": {}}, "made with link_length = None, not 1.0"),
+        ({"values": Config().as_dict() | {"p_t": 0.7}}, "made with p_t = 0.7, not 0.8"),
     ],
 )
 def test_a_set_that_cannot_be_made_again_is_left_out(
