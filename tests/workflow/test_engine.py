@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from plans import planned
 
+import workflow
 from srlrepro.storage.files import ResultError, write_json
 from workflow import engine
 from workflow.__main__ import main
@@ -115,7 +116,8 @@ def test_what_trainings_took_is_summed_over_the_seeds_asked_for(tmp_path: Path) 
 def test_a_time_is_kept_by_the_explicit_command_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(engine, "ROOT", tmp_path)
+    for module in (engine, workflow):
+        monkeypatch.setattr(module, "ROOT", tmp_path)
     options = make_parser().parse_args(["--cores", "1"])
     engine.note_time({"name": "few", "cells": "few", "steps": 5, "study": "", "seeds": [0]}, options, 2.5)
     assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")] == [
