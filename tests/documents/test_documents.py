@@ -12,7 +12,7 @@ import pytest
 from replication import documents
 from replication.documents import DOCS, FIGURES, ROOT, render
 from srlrepro.storage.files import ResultError, read_json
-from workflow.command_line import make_parser
+from workflow.command_line import make_parser, make_verify_parser
 
 NOT_RUN = "*Not run: `./reproduce.sh --"
 TEXTS = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md")])
@@ -133,7 +133,7 @@ def test_commands_that_are_named_exist(path: Path) -> None:
         parser = import_module(f"{module}.__main__").make_parser()
         assert f"\n    {command}" in parser.format_help(), command
     options = re.findall(r"\./reproduce\.sh([^`#|\n]*)", text)
-    help_text = make_parser().format_help()
+    help_text = make_parser().format_help() + make_verify_parser().format_help()
     for word in {word for option in options for word in option.split() if word.startswith("--")}:
         assert word in help_text, word
 
