@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 FORMAT = "srlrepro-policy-1"
 MOST_LAYERS = 64  # that a file may name; the paper has three
-KEPT = ("code", "arithmetic")  # of a run's provenance: the same on every machine
 
 Single = NDArray[np.float32]
 
@@ -134,9 +133,9 @@ class TrainedPolicy:
 
 
 def record_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """What a policy tells of its training: all that run.json says, but of its provenance only `KEPT`."""
+    """What a policy tells of its training: all that run.json says, but of its provenance the code alone."""
     kept = {name: value for name, value in result.items() if name != "provenance"}
-    return kept | {name: result["provenance"][name] for name in KEPT if name in result["provenance"]}
+    return kept | {"code": result["provenance"]["code"]}
 
 
 def load_policy(path: Path) -> TrainedPolicy:

@@ -15,6 +15,7 @@ from replication import documents, policies
 from replication.__main__ import main
 from replication.documents import ROOT
 from srlrepro.learner.policy import TrainedPolicy, load_policy
+from srlrepro.pins import ARITHMETIC
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.storage.files import ResultError, sha256
 
@@ -37,6 +38,7 @@ def write(path: Path, alpha: float | None, seed: int, **changes: object) -> Path
         "counts": COUNTS,
         "final_policy": returned,
         "code": "c0de" * 16,
+        "arithmetic": ARITHMETIC,
     }
     ones = np.ones(3, np.float32)
     TrainedPolicy(weights, biases, -ones, ones, record | changes).save(path)

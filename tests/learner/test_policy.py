@@ -14,8 +14,10 @@ from scipy.stats import kstest
 from stable_baselines3 import PPO
 
 import srlrepro
+from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.learner.policy import FORMAT, TrainedPolicy, load_policy
 from srlrepro.learner.training import make_env, make_learner
+from srlrepro.learner.trials import evaluate
 from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError, write_arrays
 
@@ -187,6 +189,9 @@ def test_a_training_writes_it(case: Any, whole: dict[str, Path], rng: np.random.
     policy, result = load_policy(folder / "policy.npz"), json.loads((folder / "run.json").read_text())
     provenance = result.pop("provenance")
     assert policy.record == result | {"code": provenance["code"]}
+    task = ThreeLinkCircleEnv(case.run.delta, config=case.config)
+    told = policy.record["final_policy"]["no supervisor"]["return"]
+    assert evaluate(policy, task)["return"] == pytest.approx(told, rel=1e-3)
     seen = rng.normal(size=(50, 8)).astype(np.float32)
     expected = PPO.load(folder / "policy.zip", device="cpu").predict(seen, deterministic=True)[0]
     np.testing.assert_allclose(policy.predict(seen)[0], expected, rtol=0, atol=ROUNDING)
