@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from srlrepro.compiled.arithmetic import sin_cos
-from srlrepro.compiled.jit import inner, jit
+from srlrepro.compiled.jit import jit
 from srlrepro.compiled.stack import packed, room, unpacked
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import check_delta
@@ -95,7 +95,7 @@ def derivative(coefficients: Coefficients, state: State, torque: Torque) -> Stat
     return packed(rate_of, state)
 
 
-@inner
+@jit
 def _move(state: State, h: float, rate: State) -> State:
     """x + h ẋ."""
     x, rate_of = unpacked(state), unpacked(rate)
