@@ -38,16 +38,13 @@ def jit(function: Function) -> Function:
 def inner(function: Function) -> Function:
     """`jit` for a kernel that only compiled code calls: without the wrapper by which Python would call it.
 
-    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels. A call
-    from Python is refused by TypeError: numba itself would jump to nowhere.
+    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels. Without
+    it numba would jump to nowhere when Python calls the kernel; here Python then runs the function itself.
     """
     kernel = njit(function, **_INNER)
 
     def keep(compiled: Any) -> None:
         kernel.overloads[tuple(compiled.signature.args)] = compiled  # but not where calls from Python look
 
-    def refuse(*arguments: Any, **named: Any) -> None:
-        raise TypeError(f"{function.__name__} is for compiled code; from Python call its py_func")
-
-    kernel.add_overload, kernel._compile_for_args = keep, refuse
+    kernel.add_overload, kernel._compile_for_args = keep, lambda *arguments, **named: function
     return cast(Function, kernel)
