@@ -38,8 +38,8 @@ def jit(function: Function) -> Function:
 def inner(function: Function) -> Function:
     """`jit` for a kernel that only compiled code calls: without the wrapper by which Python would call it.
 
-    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels. Without
-    it numba would jump to nowhere when Python calls the kernel; here Python then runs the function itself.
+    The wrapper unpacks every array of a tuple of tuples. It takes longer to compile than most kernels.
+    Without it numba would jump to nowhere when Python calls the kernel; here Python runs the function itself.
     """
     kernel = njit(function, **_INNER)
 
