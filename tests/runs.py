@@ -1,7 +1,7 @@
 """Small training runs, and what looks on, that the tests of the learner share."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from srlrepro.learner import VISITED_FORMAT
+from srlrepro.learner.recording import Recorder
 from srlrepro.learner.training import Run, train
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.region.safe_region import SafeRegion
@@ -88,6 +89,27 @@ def learn(model: PPO, steps: int, callback: BaseCallback | None = None, **values
     """Learn from the model's own seed on, whatever was drawn before."""
     model.set_random_seed(model.seed)
     model.learn(steps, callback, **values)
+
+
+def interrupt(case: Case, folder: Path, steps: int) -> Path:
+    """Train for a number of steps, with a checkpoint after every update; returns the last checkpoint."""
+    file, taken = folder / "checkpoint.zip", [0]
+
+    def stopping(look: Callable[..., Any]) -> Callable[..., Any]:
+        def stopping_look(recorder: Recorder, *told: Any) -> Any:
+            taken[0] += len(told[0].rewards) if told else 1
+            if taken[0] > steps:
+                raise KeyboardInterrupt
+            return look(recorder, *told)
+
+        return stopping_look
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_on_step", "_on_steps"):
+            patch.setattr(Recorder, name, stopping(getattr(Recorder, name)))
+        with pytest.raises(KeyboardInterrupt):
+            case.train(folder, file)
+    return file
 
 
 class Witness(BaseCallback):

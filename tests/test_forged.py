@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import CONFIG, SUPERVISED, UPDATE, Case
+from runs import CONFIG, SUPERVISED, UPDATE, Case, interrupt
 
 from replication.__main__ import main as replication
 from srlrepro.__main__ import main as srlrepro
-from srlrepro.learner.recording import Recorder
 from srlrepro.region.safe_region import learn_region
 from srlrepro.samplers import generate
 from srlrepro.settings.config import Config
@@ -202,18 +201,7 @@ def genuine(tmp_path_factory: pytest.TempPathFactory) -> Path:
     region.save(place / "region.npz")
     case = Case("forged", SUPERVISED, region, config)
     case.train(place / "run")
-    taken, look = [0], Recorder._on_step
-
-    def stopping(recorder: Recorder) -> bool:
-        taken[0] += 1
-        if taken[0] > 3 * UPDATE:
-            raise KeyboardInterrupt
-        return look(recorder)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Recorder, "_on_step", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            case.train(place / "begun", place / "begun" / "checkpoint.zip")
+    interrupt(case, place / "begun", 3 * UPDATE)
     return place
 
 

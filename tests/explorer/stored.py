@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from srlrepro.learner.policy import TrainedPolicy
+from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.config import Config
 
 COUNTS = {"activations": 7, "hit_the_ground": 2, "not_recovered_in_time": 1, "falls": 4}
@@ -18,6 +19,7 @@ def save_policy(folder: Path, alpha: float | None, seed: int, config: Config) ->
     weights = tuple(0.2 * rng.normal(size=shape).astype(np.float32) for shape in shapes)
     biases = tuple(np.zeros(shape[0], np.float32) for shape in shapes)
     record = {
+        "arithmetic": ARITHMETIC,
         "run": {"alpha": alpha, "delta": 1.5, "seed": seed, "steps": STEPS},
         "config": config.as_dict(),
         "region": "none",

@@ -4,7 +4,6 @@ import random
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,37 +12,16 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from runs import CASES, CONDITIONS, UPDATE, UPDATES, Case, products
+from runs import CASES, CONDITIONS, UPDATE, UPDATES, Case, interrupt, products
 from stable_baselines3 import PPO
 
 from srlrepro.learner import recording
 from srlrepro.learner.checkpoint import FORMAT, TRIAL, restore, save
-from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder
+from srlrepro.learner.recording import TRIAL_COLUMNS
 from srlrepro.learner.training import OF_THE_SITTING, identify, make_env, make_learner
 from srlrepro.storage.files import ResultError, read_arrays
 
 FREE = CASES[0]
-
-
-def interrupt(case: Case, folder: Path, steps: int) -> Path:
-    """Train for a number of steps, with a checkpoint after every update; returns the last checkpoint."""
-    file, taken = folder / "checkpoint.zip", [0]
-
-    def stopping(look: Callable[..., Any]) -> Callable[..., Any]:
-        def stopping_look(recorder: Recorder, *told: Any) -> Any:
-            taken[0] += len(told[0].rewards) if told else 1
-            if taken[0] > steps:
-                raise KeyboardInterrupt
-            return look(recorder, *told)
-
-        return stopping_look
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("_on_step", "_on_steps"):
-            patch.setattr(Recorder, name, stopping(getattr(Recorder, name)))
-        with pytest.raises(KeyboardInterrupt):
-            case.train(folder, file)
-    return file
 
 
 @CONDITIONS

@@ -55,7 +55,7 @@ def test_exploration_is_that_of_the_environment_step_by_step(
     config, rng, trials = CONFIG.with_values(**values), np.random.default_rng(1), 4
     found = explore(1.5, narrow(), config, trials, np.random.default_rng(1))
     env = Supervisor(ThreeLinkCircleEnv(1.5, config=config), narrow(), LQG())
-    policy, steps, recoveries = untrained(rng, config.choices.log_std_init), [], []
+    policy, steps, recoveries = untrained(rng, config.choices.log_std_init, config.paper.links), [], []
     for _ in range(trials):
         steps += transitions(env, policy)
         recoveries += [(env.task.state, env.recovery)] if env.recovery else []
