@@ -82,6 +82,12 @@ class Facts:
         """The number of the arithmetic that results made now rest on."""
         return ARITHMETIC
 
+    @property
+    def earlier(self) -> list[str]:
+        """The sets of results that rest on another arithmetic, made before or beside the present one."""
+        sets = sorted(self.figures.glob("*/workflow.json"))
+        return [path.parent.name for path in sets if read_json(path).get("arithmetic", 0) != ARITHMETIC]
+
     def table(self, *place: str) -> list[Row]:
         """The rows of a table of results, or of the records by its name alone; None where a cell is empty."""
         folder = self.figures if place[1:] else self.records

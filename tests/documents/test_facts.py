@@ -251,3 +251,10 @@ def test_what_has_not_been_made_is_not_named(tmp_path: Path) -> None:
     for name in ("docs/check.md", "docs/explorer.html", "policies/a.npz"):
         (tmp_path / name).touch()
     assert empty.has_page("check") and empty.has_policies and empty.explorer == "docs/explorer.html"
+
+
+def test_sets_of_another_arithmetic_are_named(tmp_path: Path) -> None:
+    for name, held in (("a", {}), ("b", {"arithmetic": KEPT.arithmetic}), ("c", {"arithmetic": 99})):
+        (tmp_path / name).mkdir()
+        write_json(tmp_path / name / "workflow.json", held)
+    assert Facts(ROOT, tmp_path).earlier == ["a", "c"]
