@@ -111,7 +111,7 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("explorer", explorer, text)
     sub.add_argument("--policies", type=path, default="policies", help="folder of policies and regions")
     figures = "folder with the tables of Fig. 3 (default: %(default)s)"
-    sub.add_argument("--figures", type=path, default="figures/seeds_10", help=figures)
+    sub.add_argument("--figures", type=path, default="figures/full", help=figures)
     sub.add_argument("--out", type=path, default="docs/explorer.html", help="page to write (%(default)s)")
     sub = command("documents", documents, "Render README, REPORT and the pages of docs/ that hold results.")
     sub.add_argument("--check", action="store_true", help="write nothing; exit with 1 if one is stale")
