@@ -74,7 +74,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture
 def window(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the off-screen figures pass for windows."""
+    """Let the off-screen figures pass for windows; none is open."""
+    plt.close("all")
     plt.switch_backend("Agg")
     monkeypatch.setattr(FigureCanvasAgg, "required_interactive_framework", "some toolkit")
 

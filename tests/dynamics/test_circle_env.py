@@ -270,6 +270,7 @@ def test_videos_run_in_real_time(period: float) -> None:
 
 
 def test_a_window_needs_a_gui_toolkit(monkeypatch: pytest.MonkeyPatch) -> None:
+    plt.close("all")
     env = gym.make("srlrepro/ThreeLinkCircle-v0", render_mode="human")
     with pytest.raises(DependencyNotInstalled, match='render_mode="human" needs a display') as refused:
         env.reset()

@@ -1,6 +1,7 @@
 """``./reproduce.sh verify``: what is drawn, what is refused, what is found."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -231,6 +232,7 @@ def test_a_run_is_made_anew_and_is_the_same(tmp_path: Path) -> None:
 def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Copies of every committed table, of README, REPORT and the pages."""
     texts = [ROOT / "README.md", ROOT / "REPORT.md", *(ROOT / "docs").rglob("*.*")]
+    texts += (ROOT / "policies").glob("*.md")
     texts += [path for folder in verify.committed() for path in (ROOT / "figures" / folder).glob("*.*")]
     kept = [path for path in texts if path.suffix in (".csv", ".md", ".txt", ".json")]
     for path in kept:
@@ -247,16 +249,18 @@ def test_a_changed_digit_is_found_wherever_it_is(copies: list[Path]) -> None:
     """In every kind of file: tables of results and of docs/, README, REPORT, and pages, rendered or not."""
     rng, top = np.random.default_rng(13), verify.ROOT
     assert len(copies) > CHANGES and verify.attempt(verify.of_documents) == []
-    files = [copies[i] for i in rng.permutation(len(copies))[:CHANGES]]
+    numbered = [path for path in copies if re.search(rb"[0-9]", path.read_bytes())]
+    files = [numbered[i] for i in rng.permutation(len(numbered))[:CHANGES]]
     for file in {*files, top / "README.md", top / "REPORT.md"}:
         text = file.read_bytes()
         digits = [i for i, byte in enumerate(text) if chr(byte).isdigit()]
         place = rng.choice(digits)
         digit = str((int(chr(text[place])) + rng.integers(1, 10)) % 10).encode()
         file.write_bytes(text[:place] + digit + text[place + 1 :])
-        if file.parent == top:
+        if file.parent in (top, top / "policies"):
             (found,) = verify.attempt(verify.of_documents)
-            assert found.startswith(f"{file.name}, line {text[:place].count(10) + 1}, text: committed ")
+            line = text[:place].count(10) + 1
+            assert found.startswith(f"{file.relative_to(top)}, line {line}, text: committed ")
         else:
             folder = top / "docs" if file.is_relative_to(top / "docs") else file.parent
             assert changed(folder) == [file.relative_to(folder).as_posix()]
