@@ -76,12 +76,11 @@ def mean_action(policy: TrainedPolicy, observation: Any) -> Any:
     return policy.weights[-1].astype(np.float64) @ values + policy.biases[-1]
 
 
-def near(found: Any, expected: Any, share: float = 1e-9) -> None:
-    """Whether columns agree, to a share of the largest value of each."""
+def deviation(found: Any, expected: Any) -> float:
+    """By how much columns differ at most, as a share of the largest value of each."""
     a, b = np.asarray(found, np.float64), np.asarray(expected, np.float64)
-    assert a.shape == b.shape
-    assert np.abs(b).max() > 0
-    assert (np.abs(a - b).max(axis=0) / np.maximum(np.abs(b).max(axis=0), 1e-3)).max() < share
+    assert a.shape == b.shape and np.abs(b).max() > 0
+    return float((np.abs(a - b).max(axis=0) / np.maximum(np.abs(b).max(axis=0), 1e-3)).max())
 
 
 @pytest.mark.parametrize("delta", DELTAS)
@@ -90,7 +89,7 @@ def test_a_step_is_the_packages(node: Run, draw: Callable[..., Floats], delta: f
     code = """const s = M.systemOf(data, delta), out = new Float64Array(6);
     return x.map((state, i) => { M.rk4Step(s, state, u[i], dt, out); return Array.from(out); });"""
     found = node(code, data=physics(CONFIG), delta=delta, x=x.tolist(), u=u.tolist(), dt=1e-3)
-    near(found, ClosedLoop.from_config(CONFIG, delta).system.step(x, u, 1e-3), 1e-11)
+    assert deviation(found, ClosedLoop.from_config(CONFIG, delta).system.step(x, u, 1e-3)) < 1e-11
 
 
 def test_one_link_is_a_pendulum(tmp_path: Path) -> None:
@@ -110,7 +109,7 @@ def test_a_recovery_is_the_packages(node: Run, delta: float) -> None:
     outcome, periods, path = node(code, data=physics(CONFIG), delta=delta, start=start)
     assert outcome == rollout.outcomes[0] == RECOVERED
     assert periods == round(rollout.durations[0] / CONFIG.choices.control_period) > 10
-    near(path, rollout.paths[0, : periods + 1])
+    assert deviation(path, rollout.paths[0, : periods + 1]) < 1e-9
 
 
 def test_a_thousand_steps_of_a_policy_are_the_packages(node: Run) -> None:
@@ -132,7 +131,7 @@ def test_a_thousand_steps_of_a_policy_are_the_packages(node: Run) -> None:
     const t = M.runTrial(world, [0, 0, 0, 0, 0, 0]);
     return [t.states.map((x) => Array.from(x)), t.total, t.activated, t.outcome];"""
     states, total, activated, outcome = node(code, data=physics(config), policy=actor_data(policy))
-    near(states[1:], following)
+    assert deviation(states[1:], following) < 1e-9
     assert total == pytest.approx(sum(step.reward for step in steps), rel=1e-9)
     assert activated == -1
     assert ENDS[outcome] == steps[-1].info["outcome"] == "time limit"
@@ -165,7 +164,7 @@ def test_a_supervised_trial_is_the_packages(node: Run, small: Learned, small_con
             assert activated == len(steps)
             assert length == 1 + len(steps) + len(env.recovery_path)
             assert OUTCOMES[outcome] == last["recovery"]
-            near([end], [env.recovery_path[-1]], 1e-6)
+            assert deviation([end], [env.recovery_path[-1]]) < 1e-6
     assert activations > 0
 
 
@@ -194,7 +193,7 @@ def test_h_is_the_packages(node: Run, small: Learned, draw: Callable[..., Floats
       return [...y, M.safety(r, r.gamma[evidence], state), near.length, weights.reduce((a, b) => a + b)];
     });"""
     found = np.array(node(code, region=region_data(fitted), evidence=evidence, x=x.tolist()))
-    near(found[:, :2], fitted.transform(x), 1e-12)
+    assert deviation(found[:, :2], fitted.transform(x)) < 1e-12
     np.testing.assert_array_equal(found[:, 2] > region.p_t, region.predict(x) == 1)
     np.testing.assert_allclose(found[:, 2], region.safety(x), rtol=1e-9)
     assert 0 < region.predict(x).mean() < 1
