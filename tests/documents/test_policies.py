@@ -118,9 +118,8 @@ def test_without_policies_there_is_no_card(tmp_path: Path) -> None:
     assert policies.cards(tmp_path / "nothing") == {}
 
 
-@pytest.mark.skipif(not HELD, reason="this checkout holds no policies: ./reproduce.sh makes them")
 def test_the_kept_ones_are_read_and_their_snippets_run() -> None:
-    assert sum(path.stat().st_size for path in HELD) < 8e6
+    assert HELD and sum(path.stat().st_size for path in HELD) < 8e6
     assert json.dumps(load_policy(HELD[0]).record)
     texts = [path.read_text("utf-8") for path in sorted((ROOT / documents.POLICIES).glob("*.md"))]
     blocks = [block for text in texts for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL)]
