@@ -147,8 +147,7 @@ def execute(
     results, record = list(results), output.with_suffix(".json")
     record.unlink(missing_ok=True)
     before, started, code = [_written(path) for path in results], time.monotonic(), code_of(str(notebook))
-    with beside(output) as temporary, tempfile.TemporaryDirectory() as private:
-        os.environ.update(pins())
+    with beside(output) as temporary, tempfile.TemporaryDirectory() as private, _told(pins()):
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
         os.environ[MADE_BY] = _made_by(notebook, parameters, code)
         transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
@@ -196,6 +195,18 @@ def _made_by(notebook: Path, parameters: dict[str, Any], code: str) -> str:
         made["parameters"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
         text = json.dumps(made, ensure_ascii=True, sort_keys=True)
     return text
+
+
+@contextmanager
+def _told(values: dict[str, str]) -> Iterator[None]:
+    """Variables for a kernel that starts here; what is set until the end is taken back then."""
+    before = dict(os.environ)
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 @contextmanager

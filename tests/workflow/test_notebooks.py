@@ -176,6 +176,7 @@ def test_a_notebook_is_told_what_makes_its_figures(
     notebook.cells[1].source = f"import os\n_ = open('made.json', 'w').write(os.environ['{MADE_BY}'])"
     nbformat.write(notebook, small)
     execute(small, small.parent / "executed" / "small.ipynb", {"NAME": "x" * length})
+    assert MADE_BY not in os.environ, "a notebook's own variable stays after it"
     made = json.loads((small.parent / "made.json").read_text())
     assert (made["notebook"], made["command"]) == ("small.ipynb", "./reproduce.sh --quick")
     assert made["code"] == code_of(str(small))
