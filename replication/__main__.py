@@ -21,6 +21,21 @@ def measure(arguments: argparse.Namespace) -> None:
     print(f"{len(rows)} measures of {run.condition.name}")
 
 
+def budgets(arguments: argparse.Namespace) -> None:
+    """Judge trained runs at several of their steps, and write one table."""
+    import pandas as pd
+
+    from replication.evidence.claims import MEASURE_COLUMNS
+    from replication.evidence.measures import measure_budgets
+    from replication.evidence.results import read_run
+    from srlrepro.storage.files import write_table
+
+    rows = [row for folder in arguments.runs for row in measure_budgets(read_run(folder))]
+    *of, value = MEASURE_COLUMNS
+    write_table(arguments.out, pd.DataFrame(rows, columns=[*of, "step", value]), digits=6)
+    print(f"{len(rows)} measures of {len(arguments.runs)} runs")
+
+
 def claims(arguments: argparse.Namespace) -> None:
     """Print contrasts and verdicts for tables of measures."""
     from replication.evidence.claims import judge_claims, load_claims
@@ -94,6 +109,9 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--out", type=path, required=True, help="table of measures to write (.csv)")
     sub.add_argument("--region", type=path, help="region that supervised it")
     sub.add_argument("--common", type=path, help="the run without a supervisor of the same Δ and seed")
+    sub = command("budgets", budgets, "Judge trained runs as if they had ended at several of their steps.")
+    sub.add_argument("runs", type=path, nargs="+", metavar="RUN", help="their folders")
+    sub.add_argument("--out", type=path, required=True, help="table to write (.csv)")
     sub = command("claims", claims, "Evaluate the tests of the paper's claims on tables of measures.")
     sub.add_argument("measures", type=path, nargs="+", metavar="MEASURES", help="tables, or folders of them")
     sub = command("provenance", provenance, "Print what made a figure.")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
+from scipy.stats import multivariate_normal
 
 from srlrepro.compiled.jit import jit
 from srlrepro.compiled.stack import read, write
@@ -128,19 +129,26 @@ def _random_rollouts(
 def visited_states(config: Config, rng: Generator) -> Floats:
     """𝕏 [N, 2n]: the states that a random policy visits on the nominal system from the origin (Sec. III-A).
 
-    Each torque is uniform within its limits and held for ``random_hold``; a rollout ends where it leaves
-    the state space of App. C, or after ``random_length``. States are recorded every control period.
+    Each torque is uniform within its limits (or of another ``random_law``) and held for ``random_hold``; a
+    rollout ends where it leaves the state space of App. C (or by another ``random_stop``), at the latest
+    after ``random_length``. States are recorded every control period.
     """
     paper, choices = config.paper, config.choices
     hold = max(1, round(choices.random_hold / choices.control_period))
     pieces = max(1, round(choices.random_length / (hold * choices.control_period)))
     shape = choices.random_rollouts, pieces, paper.links
-    torques = rng.uniform(-paper.torque_limit, paper.torque_limit, shape)
+    if choices.random_law == "uniform":
+        torques = rng.uniform(-paper.torque_limit, paper.torque_limit, shape)
+    else:
+        torques = np.clip(rng.normal(0.0, choices.random_std, shape), -paper.torque_limit, paper.torque_limit)
     rows = choices.random_rollouts * pieces * hold
     check(rows <= MOST_ROWS, "control_period", choices.control_period, "longer, for so many random_rollouts")
     coefficients, _, limits, _ = ClosedLoop.from_config(config).kernel_arguments
     out = np.empty((rows, len(coefficients.upright)))
-    n = _random_rollouts(coefficients, limits, np.array(paper.state_max), torques, hold, out)
+    ranges = (
+        np.array(paper.state_max) if choices.random_stop == "ranges" else np.full(2 * paper.links, np.inf)
+    )
+    n = _random_rollouts(coefficients, limits, ranges, torques, hold, out)
     return out[:n].copy()
 
 
@@ -164,6 +172,19 @@ def generate(alpha: float, config: Config, seed: int) -> TrainingData:
     x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, state_rng)])
     made_of = MadeOf(alpha, seed, config.until("data"))
     return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd, made_of)
+
+
+def density_ratios(data: TrainingData, config: Config, x: Floats) -> Floats:
+    """How much denser the MND is than the distribution D_n of the training states, at the states x [B, 2n].
+
+    p_mnd(x) / (α p_ud(x) + (1 − α) p_mnd(x)): the weights with which states of D_n stand for the MND.
+    """
+    share, high = data.n_ud / len(data.x), np.array(config.paper.state_max)
+    mnd = np.atleast_1d(multivariate_normal(data.mnd.mean, data.mnd.covariance).logpdf(x))
+    with np.errstate(divide="ignore"):
+        inside = np.log(share) - np.log(2 * high).sum()
+        ud = np.where((np.abs(x) <= high).all(axis=1), inside, -np.inf)
+        return np.asarray(np.exp(mnd - np.logaddexp(ud, np.log(1 - share) + mnd)), np.float64)
 
 
 def known_states(data: TrainingData, config: Config) -> tuple[Floats, Labels]:

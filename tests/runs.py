@@ -75,9 +75,8 @@ def products(folder: Path) -> dict[str, Any]:
     result = json.loads((folder / "run.json").read_text())
     result.pop("provenance")
     policy = PPO.load(folder / "policy.zip", device="cpu").policy
-    found: dict[str, Any] = {
-        name: (folder / name).read_bytes() for name in ("trials.csv", "curve.csv", "policy.npz")
-    }
+    tables = ("trials.csv", "curve.csv", "evaluations.csv", "policy.npz")
+    found: dict[str, Any] = {name: (folder / name).read_bytes() for name in tables}
     found |= {name: value.numpy().tobytes() for name, value in policy.state_dict().items()}
     moments = policy.optimizer.state_dict()["state"].items()
     found |= {f"{i} {name}": float(v.double().sum()) for i, state in moments for name, v in state.items()}

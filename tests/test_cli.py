@@ -50,7 +50,15 @@ def test_stages_one_after_the_other(made: Path, tmp_path: Path, capsys: pytest.C
     assert main(train(made, run)) == 0
     result = json.loads((run / "run.json").read_text())
     assert result["steps_done"] == 128 and result["config"]["hidden_width"] == 16
-    products = {"curve.csv", "policy.npz", "policy.zip", "run.json", "trials.csv", "visited.npz"}
+    products = {
+        "curve.csv",
+        "evaluations.csv",
+        "policy.npz",
+        "policy.zip",
+        "run.json",
+        "trials.csv",
+        "visited.npz",
+    }
     assert {path.name for path in run.iterdir()} == products
 
 

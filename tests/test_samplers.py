@@ -14,6 +14,7 @@ from srlrepro.samplers import (
     MultivariateNormal,
     TrainingData,
     _random_rollouts,
+    density_ratios,
     generate,
     known_states,
     sample_mnd,
@@ -136,6 +137,40 @@ def test_rollouts_of_the_random_policy_hold_each_torque() -> None:
     out = np.empty((20 * hold * pieces, 6))
     n = _random_rollouts.py_func(coefficients, limits, HIGH, torques, hold, out)
     np.testing.assert_allclose(out[:n], expected, rtol=1e-9)
+
+
+def test_the_random_policy_can_have_the_learners_law_and_stop_on_the_ground_alone() -> None:
+    """Normal torques, a new one each period: after one period the rates have the spread of the torques."""
+    values = {"random_law": "normal", "random_std": 5.0, "random_hold": 0.01, "random_stop": "ground"}
+    config = Config().with_values(**values, random_rollouts=2000, random_length=0.02)
+    states = visited_states(config, np.random.default_rng(0)).reshape(2000, 2, 6)
+    torques = np.clip(np.random.default_rng(0).normal(0.0, 5.0, (2000, 2, 3)), -100, 100)
+    system = ClosedLoop.from_config(config)
+    after = [hold_torque(*system.kernel_arguments[0:3:2], (0.0,) * 6, tuple(u))[0] for u in torques[:50, 0]]
+    np.testing.assert_array_equal(states[:50, 1], after)
+    far = visited_states(
+        Config().with_values(random_stop="ground", random_rollouts=50), np.random.default_rng(0)
+    )
+    assert (np.abs(far) > HIGH).any() and (np.abs(far[:, 0]) < HIGH[0]).all()
+    assert (
+        np.abs(visited_states(Config().with_values(random_rollouts=50), np.random.default_rng(0))) <= HIGH
+    ).all()
+
+
+@pytest.mark.parametrize("n_ud", [0, 250, 1000])
+def test_density_ratios_turn_training_states_into_the_mnd(n_ud: int, rng: np.random.Generator) -> None:
+    """Weighted means over D_n are those of the MND; 1 everywhere for α = 0."""
+    mnd = MultivariateNormal(HIGH / 10, np.diag((HIGH / 3) ** 2))
+    x = np.concatenate([sample_uniform(200 * n_ud, HIGH, rng), mnd.sample(200 * (1000 - n_ud), rng)])
+    data = TrainingData(x, np.ones(len(x), int), 200 * n_ud, mnd)
+    ratios = density_ratios(data, Config(), x)
+    if n_ud == 0:
+        np.testing.assert_allclose(ratios, 1.0, rtol=1e-12)
+    inside = (np.abs(x) <= HIGH).all(axis=1)  # beyond, UD has nothing to weigh
+    truth = mnd.sample(200_000, rng)
+    truth = truth[(np.abs(truth) <= HIGH).all(axis=1)]
+    mean = (ratios[inside, None] * x[inside]).sum(axis=0) / ratios[inside].sum()
+    np.testing.assert_allclose(mean / HIGH, truth.mean(axis=0) / HIGH, atol=0.01)
 
 
 def test_many_links_need_a_smaller_torque() -> None:

@@ -34,6 +34,7 @@ TEST_STATES = 5000  # per distribution: the standard error of a share is at most
 BINS = 10
 LAST_SHARE = 10  # the end of a training is the last tenth of its steps
 SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in claims.toml
+BUDGETS = 6  # parts of a training, at the end of each of which it is judged as if it had ended there
 LABEL_EVERY = 25  # steps of a training between two labelled states, at least: nearer ones are much the same
 
 Labelled = tuple[Floats, Labels]  # states x [N, 2n], rad and rad/s, and their labels [N]
@@ -184,11 +185,34 @@ def learning(run: TrainedRun) -> dict[str, float]:
     }
 
 
+def measure_budgets(run: TrainedRun) -> list[Row]:
+    """Rows (measure, alpha, delta, seed, step, value): what a run would show, had it ended at ``step``.
+
+    Of `learning`, at the ends of `BUDGETS` equal parts: ``final_return``, ``training_left``, and
+    ``policy_alone_share`` of the first evaluation of the mean policy from that step on.
+    """
+    trials, curve, evaluations = run.trials(), run.curve(), run.evaluations()
+    best, of = perfect_return(run.config), run.condition
+    rows: list[Row] = []
+    for part in range(1, BUDGETS + 1):
+        step = round(run.steps * part / BUDGETS)
+        last = trials["step"].between(step * (1 - 1 / LAST_SHARE), step, inclusive="right")
+        reached = curve.loc[(curve["mean_return"] >= SATISFYING * best) & (curve["step"] <= step), "step"]
+        values = {"final_return": float(trials.loc[last, "return"].mean())}
+        values["training_left"] = 1 - float(reached.min()) / step if len(reached) else 0.0
+        from_here = evaluations.loc[evaluations["step"] >= step, "return"]
+        if len(from_here):
+            values["policy_alone_share"] = max(0.0, float(from_here.iloc[0]) / best)
+        rows += [(name, of.alpha_text, of.delta, of.seed, step, value) for name, value in values.items()]
+    return rows
+
+
 def recoveries(run: TrainedRun) -> dict[str, float]:
     """What K had to do, and how often it failed, over the whole training.
 
     Returns:
         ``activations``, ``failures`` of K, ``falls`` of π; ``violations_per_1000_steps``: failures and falls;
+        ``activated_share``: of the trials, those in which K was activated;
         ``success_rate``: recovered over all where K was tried, if it was; ``success_log_odds`` of it, if
         there were activations.
     """
@@ -196,6 +220,8 @@ def recoveries(run: TrainedRun) -> dict[str, float]:
     measures = {"activations": float(counts["activations"]), "failures": float(failures)}
     measures["falls"] = float(counts["falls"])
     measures["violations_per_1000_steps"] = 1000.0 * (failures + counts["falls"]) / run.steps_done
+    if counts["trials"]:
+        measures["activated_share"] = counts["activations"] / counts["trials"]
     if tried := counts["recovered"] + failures:
         measures["success_rate"] = counts["recovered"] / tried
     if counts["activations"]:

@@ -79,6 +79,10 @@ class TrainedRun:
         """The learning curve: step, mean_return, mean_length, …, a row per window of steps."""
         return read_table(self.folder / "curve.csv", ("step", "mean_return", "mean_length"))
 
+    def evaluations(self) -> pd.DataFrame:
+        """Trials of the mean policy without a supervisor: step, return, length, outcome."""
+        return read_table(self.folder / "evaluations.csv", ("step", "return"), numbers=("step", "return"))
+
     def visited(self) -> Floats:
         """States [N, 2n] that the learner's steps reached, rad and rad/s, in their order."""
         path, size = self.folder / "visited.npz", len(self.config.paper.state_max)

@@ -25,7 +25,7 @@ from srlrepro.dynamics.circle_env import ENDS, ThreeLinkCircleEnv
 from srlrepro.storage.files import ResultError, parse_json, read_arrays, write_arrays
 from srlrepro.supervisor import RECOVERIES, SUPERVISED
 
-FORMAT = "srlrepro-checkpoint-2"
+FORMAT = "srlrepro-checkpoint-3"
 MOMENTS = ("exp_avg", "exp_avg_sq")
 TRIAL = {  # kinds of numbers and text of the columns of a trial
     "step": "i8",
@@ -36,7 +36,9 @@ TRIAL = {  # kinds of numbers and text of the columns of a trial
     "recovery": "U",
     "recovery_time": "f8",
 }
-RECORDED = {f"trial.{name}": kind for name, kind in TRIAL.items()}
+EVALUATION = {"step": "i8", "return": "f8", "length": "i8", "outcome": "U"}  # the same of an evaluation
+TABLES = {"trial": TRIAL, "evaluation": EVALUATION}
+RECORDED = {f"{table}.{name}": kind for table, kinds in TABLES.items() for name, kind in kinds.items()}
 RECORDED |= {"visited": "f4", "rewards": "f8", "seconds": "f8", "identity": "U"}
 WORDS = {"outcome": [*ENDS.values(), SUPERVISED], "recovery": ["", *RECOVERIES.values()]}
 # Neither numpy nor torch sees that the place in a state of the Mersenne Twister lies within its words. In the
@@ -51,6 +53,7 @@ class Progress:
     """What a training has recorded so far."""
 
     trials: list[dict[str, Any]] = field(default_factory=list)
+    evaluations: list[dict[str, Any]] = field(default_factory=list)  # of the mean policy, unsupervised
     visited: list[NDArray[np.float32]] = field(default_factory=list)  # each [2n] in rad and rad/s
     seconds: float = 0.0  # that the training has taken, over all its sittings
 
@@ -91,10 +94,18 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
     return arrays | {name: tensor.numpy() for name, tensor in _tensors(model).items()}
 
 
+def _rows(found: Arrays, table: str) -> list[dict[str, Any]]:
+    """The rows of a table that `save` wrote by its columns."""
+    rows = zip(*(found[f"{table}.{name}"].tolist() for name in TABLES[table]), strict=True)
+    return [dict(zip(TABLES[table], row, strict=True)) for row in rows]
+
+
 def save(path: Path, model: BaseAlgorithm, progress: Progress, identity: dict[str, Any]) -> None:
     """Write a checkpoint of a learner between two updates; ``identity`` says of which run (JSON)."""
     monitor, task = _monitor_and_task(model)
-    recorded: dict[str, Any] = {f"trial.{name}": [trial[name] for trial in progress.trials] for name in TRIAL}
+    recorded: dict[str, Any] = {}
+    for table, rows in (("trial", progress.trials), ("evaluation", progress.evaluations)):
+        recorded |= {f"{table}.{name}": [row[name] for row in rows] for name in TABLES[table]}
     recorded |= {"visited": np.reshape(progress.visited, (-1, task.state.size)), "seconds": progress.seconds}
     recorded |= {"rewards": monitor.rewards, "identity": json.dumps(identity)}
     arrays = {name: np.asarray(recorded[name], kind) for name, kind in RECORDED.items()}
@@ -107,6 +118,7 @@ def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str
     left, following = found["torch_rng"][LEFT].view(np.int32)[0], found["torch_rng"][NEXT].view(np.int64)[0]
     columns, rows = [found[f"trial.{name}"] for name in TRIAL], found["trial.step"].shape
     ends, lengths = found["trial.step"], found["trial.length"]
+    tests, when = [found[f"evaluation.{name}"] for name in EVALUATION], found["evaluation.step"]
     known = [np.isin(found[f"trial.{name}"], words).all() for name, words in WORDS.items()]
     return {
         "the count of steps": 0 <= steps <= most_steps and steps % fresh.n_steps == 0,
@@ -117,6 +129,9 @@ def _agree(found: Arrays, fresh: PPO, most_steps: int, periods: int) -> dict[str
         and len(found["visited"]) <= steps,
         "the table of trials": all(column.shape == rows and len(rows) == 1 for column in columns)
         and bool(((lengths >= 1) & (lengths <= ends) & (ends <= steps)).all() and all(known)),
+        "the table of evaluations": all(test.shape == when.shape and len(when.shape) == 1 for test in tests)
+        and bool((np.diff(when, prepend=0) > 0).all() and (when <= steps).all())
+        and bool(np.isin(found["evaluation.outcome"], list(ENDS.values())).all()),
         "the time": found["seconds"].shape == () and bool(found["seconds"] >= 0),
     }
 
@@ -175,6 +190,5 @@ def restore(path: Path, fresh: PPO, identity: dict[str, Any], most_steps: int) -
         tensor.copy_(torch.from_numpy(found[name]))
     fresh._last_obs, fresh._last_episode_starts = found["observation"], found["episode_start"]
     task.state, task.period, monitor.rewards = found["state"], period, found["rewards"].tolist()
-    rows = zip(*(found[f"trial.{name}"].tolist() for name in TRIAL), strict=True)
-    trials = [dict(zip(TRIAL, row, strict=True)) for row in rows]
-    return Progress(trials, list(found["visited"]), float(found["seconds"]))
+    trials, evaluations = (_rows(found, table) for table in TABLES)
+    return Progress(trials, evaluations, list(found["visited"]), float(found["seconds"]))

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pandas as pd
 import torch
@@ -15,9 +16,11 @@ from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES
 from srlrepro.fast_ppo.rollout import Steps
 from srlrepro.fast_ppo.sb3_bridge import RolloutCallback
 from srlrepro.learner.checkpoint import Progress, save
+from srlrepro.learner.trials import evaluate
 from srlrepro.storage.files import ResultError
 from srlrepro.supervisor import QUIET, Info
 
+Alone = gym.Env[Any, Any]
 Kept = tuple[Path, int, dict[str, Any]]
 Report = Callable[[str], None]
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
@@ -40,6 +43,7 @@ class Recorder(RolloutCallback):
         progress: what has been collected so far; grows in place.
         steps: of the whole training; stride: between two states that are kept.
         checkpoint: (file, number of updates between two checkpoints, identity of the run), or None.
+        alone: the task without a supervisor, in which the mean policy is tried every ``every`` steps.
         report: receives sparse lines when no terminal shows the bar.
 
     Raises:
@@ -47,9 +51,17 @@ class Recorder(RolloutCallback):
     """
 
     def __init__(
-        self, progress: Progress, steps: int, stride: int, checkpoint: Kept | None, report: Report
+        self,
+        progress: Progress,
+        steps: int,
+        stride: int,
+        checkpoint: Kept | None,
+        report: Report,
+        alone: Alone,
+        every: int,
     ) -> None:
         super().__init__()
+        self.alone, self.every = alone, every
         self.progress, self.steps, self.stride = progress, steps, stride
         self.checkpoint, self.report = checkpoint, report
         self.started = time.perf_counter() - progress.seconds
@@ -62,6 +74,7 @@ class Recorder(RolloutCallback):
 
     def _on_rollout_start(self) -> None:
         require_finite(self.model)
+        self._evaluate()
         self.progress.seconds = time.perf_counter() - self.started
         if self.checkpoint is not None and self.updates and self.updates % self.checkpoint[1] == 0:
             save(self.checkpoint[0], self.model, self.progress, self.checkpoint[2])
@@ -98,8 +111,15 @@ class Recorder(RolloutCallback):
             left = elapsed * (self.steps - self.num_timesteps) / self.num_timesteps
             self.report(f"step {self.num_timesteps} of {self.steps}, about {max(left, 0) / 60:.1f} min left")
 
+    def _evaluate(self) -> None:
+        """Try the mean policy, if steps enough have been made since it was tried."""
+        tried = self.progress.evaluations[-1]["step"] if self.progress.evaluations else 0
+        if self.num_timesteps // self.every > tried // self.every:
+            self.progress.evaluations.append({"step": self.num_timesteps, **evaluate(self.model, self.alone)})
+
     def _on_training_end(self) -> None:
         require_finite(self.model)
+        self._evaluate()
         self.bar.close()
         self.progress.seconds = time.perf_counter() - self.started
 

@@ -4,6 +4,7 @@ The products of a run, in one folder:
 
 - ``trials.csv``: one row per trial (`TRIAL_COLUMNS`);
 - ``curve.csv``: the learning curve, one row per window of steps (`learning_curve`);
+- ``evaluations.csv``: trials of the mean policy without a supervisor, every ``evaluation_steps``;
 - ``visited.npz``: states x [N, 2n] that the learner's steps reached, the last of a trial included: a sample
   of the distribution 𝒟 of Sec. III;
 - ``policy.npz``: the actor of the final policy as plain arrays (`srlrepro.load_policy`);
@@ -30,7 +31,7 @@ from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.fast_ppo.ppo import CompiledPPO
 from srlrepro.learner import VISITED_FORMAT
-from srlrepro.learner.checkpoint import Progress, restore
+from srlrepro.learner.checkpoint import EVALUATION, Progress, restore
 from srlrepro.learner.policy import TrainedPolicy, record_of
 from srlrepro.learner.recording import TRIAL_COLUMNS, Recorder, Report, count, learning_curve
 from srlrepro.learner.trials import evaluate
@@ -157,7 +158,9 @@ def train(
         progress = restore(checkpoint, model, identity, steps)
         report(f"going on from step {model.num_timesteps}")
     kept = None if checkpoint is None else (checkpoint, choices.checkpoint_updates, identity)
-    recorder = Recorder(progress, steps, max(1, steps // choices.visited_states), kept, report)
+    alone = ThreeLinkCircleEnv(run.delta, config=config)
+    stride = max(1, steps // choices.visited_states)
+    recorder = Recorder(progress, steps, stride, kept, report, alone, choices.evaluation_steps)
     if model.num_timesteps < steps:
         model.learn(steps - model.num_timesteps, recorder, reset_num_timesteps=model.num_timesteps == 0)
     trials = pd.DataFrame(progress.trials, columns=list(TRIAL_COLUMNS))
@@ -168,7 +171,7 @@ def train(
         "counts": count(trials),
         "final_policy": {
             "own condition": evaluate(model, make_env(run, config, region)),
-            "no supervisor": evaluate(model, ThreeLinkCircleEnv(run.delta, config=config)),
+            "no supervisor": evaluate(model, alone),
         },
         "provenance": provenance(progress.seconds),
     }
@@ -176,6 +179,8 @@ def train(
     files.write_table(folder / "trials.csv", trials)
     window = min(n_steps, max(SHORTEST, steps // 100))  # an update; less in a short run
     files.write_table(folder / "curve.csv", learning_curve(trials, window, -(-steps // window)))
+    evaluations = pd.DataFrame(progress.evaluations, columns=list(EVALUATION))
+    files.write_table(folder / "evaluations.csv", evaluations)
     files.write_arrays(folder / "visited.npz", VISITED_FORMAT, x=np.array(progress.visited))
     _write_policy(folder / "policy.zip", model)
     TrainedPolicy.of(model, record_of(result)).save(folder / "policy.npz")

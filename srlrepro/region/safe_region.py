@@ -3,10 +3,10 @@ r"""The low-dimensional safe region: Γ on a grid over the y-plane, S_y, and the
     P(l(x) = 1) = Γ(y)|_{y = Ψ(x)}                                        (eq. 4)
     S_y = {y : Γ(y) > p_t},   h(x) = 1 if Ψ(x) ∈ S_y, else 0              (eqs. 5, 8)
 
-Γ, a value for each cell of a grid, is estimated in `safety_map` from pieces of evidence (e_i, z_i). The
-evidence of the training state x_i sits at e_i = Ψ₋ᵢ(x_i), where the *other* training states place it ("held
-out"): a new state is placed by Ψ too, and eq. (4) asks for the probability at that place. ("embedded":
-e_i = y_i, where t-SNE, which knows the label, has put it.)
+Γ, a value for each cell of a grid, is estimated in `safety_map` from pieces of evidence (e_i, z_i). By the
+paper's words the evidence of the training state x_i sits at e_i = y_i, where t-SNE has put it ("embedded"),
+which knows its label. Calibrated evidence ("held out") sits at e_i = Ψ₋ᵢ(x_i), where the *other* training
+states place x_i: a new state is placed by Ψ too, and eq. (4) asks for the probability at that place.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from srlrepro.region.hypothesis import MAP, Posterior
 from srlrepro.region.mapping import map_states
 from srlrepro.region.safety_map import RegionArrays, discretise, query_batch
 from srlrepro.region.tsne import dissimilarity, embed
-from srlrepro.samplers import TrainingData, known_states
+from srlrepro.samplers import TrainingData, density_ratios, known_states
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import MOST_SEED
 from srlrepro.settings.config import Config, check_parameters
@@ -68,28 +68,38 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         """An unfitted region with the values of a configuration."""
         return cls(**config.arguments_of(cls), state_max=config.paper.state_max, random_state=seed)
 
-    def fit(self, x: ArrayLike, z: ArrayLike, trajectories: ArrayLike) -> "SafeRegion":
+    def fit(
+        self, x: ArrayLike, z: ArrayLike, trajectories: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> "SafeRegion":
         """Learn Ψ and Γ.
 
         Args:
             x: [k, d] training states, rad and rad/s.
             z: [k] their labels l_n(x), 0 or 1.
             trajectories: [k, T, d] closed-loop trajectories of the nominal system from x.
+            sample_weight: [k] weights of the states as evidence of Γ, at least 0; None: 1.
         """
         k = len(self._states(x))
         self._check_parameters(k)
         check(k >= LEAST_STATES, "k", k, f"a whole number in [{LEAST_STATES}, inf)")
         omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
-        return self.fit_embedding(x, z, embed(omega, self.perplexity, self.random_state))
+        y = embed(omega, self.perplexity, self.random_state)
+        return self.fit_embedding(x, z, y, sample_weight)
 
-    def fit_embedding(self, x: ArrayLike, z: ArrayLike, y: ArrayLike) -> "SafeRegion":
-        """Learn Ψ and Γ from states x [k, d], labels z [k] and given simplified states y [k, 2]."""
+    def fit_embedding(
+        self, x: ArrayLike, z: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> "SafeRegion":
+        """Learn Ψ and Γ from given simplified states y [k, 2], the rest as for `fit`."""
         states, labels, places = self._states(x), np.asarray(z), np.ascontiguousarray(y, dtype=np.float64)
         k = len(states)
         self._check_parameters(k)
         check(labels.shape == (k,), "z", f"shape {labels.shape}", f"labels of shape [{k}]")
         check(bool(np.isin(labels, (0, 1)).all()), "z", "other values", "labels 0 or 1")
         check(places.shape == (k, 2), "y", f"shape {places.shape}", f"simplified states of shape [{k}, 2]")
+        weights = None if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
+        if weights is not None:
+            fits = weights.shape == (k,) and bool((np.isfinite(weights) & (weights >= 0)).all())
+            check(fits, "sample_weight", "other values", f"{k} finite numbers in [0, inf)")
         scale = np.array(self.state_max, dtype=np.float64)
         neighbours = int(min(self.psi_neighbours, k - 1))
         x_train = np.ascontiguousarray((states / scale).T)
@@ -100,7 +110,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.evidence_ = held_out if self.gamma_evidence == "held out" else places
         self.made_of_: MadeOf | None = None
         gamma = self.gamma_bandwidth, self.gamma_prior, self.gamma_cells, self.gamma_empty
-        grid = discretise(places, self.evidence_, self.labels_, *gamma)
+        grid = discretise(places, self.evidence_, self.labels_, *gamma, weights)
         self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid)
         return self
 
@@ -221,7 +231,11 @@ def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegio
     paths = ClosedLoop.from_config(config).rollout(x).paths
     stride = max(1, round(choices.omega_step / choices.control_period))
     instants = round(choices.omega_horizon / choices.control_period) + 1
-    region = SafeRegion.from_config(config, seed).fit(x, z, paths[:, :instants:stride])
+    weights = None
+    if choices.gamma_weights == "density ratio":
+        ratios = density_ratios(data, config, x)
+        weights = ratios / ratios.mean()
+    region = SafeRegion.from_config(config, seed).fit(x, z, paths[:, :instants:stride], weights)
     if data.made_of is not None:
         region.made_of_ = replace(data.made_of, values=config.until("region"))
     return region

@@ -1,7 +1,8 @@
 r"""The safety assessment function Γ(y): its estimate from evidence, and its value at a state, compiled.
 
 Γ has one value per cell of a grid. With the kernel weights w_i(y) = exp(−‖y − e_i‖² / 2b²) of the pieces
-of evidence (e_i, z_i) and the pseudo-count c of evidence with the mean Γ_0,
+of evidence (e_i, z_i), times a weight of each where there are such, and the pseudo-count c of evidence with
+the mean Γ_0,
 
     Γ(y) = (Σ_i w_i(y) z_i + c Γ_0) / (Σ_i w_i(y) + c),
 
@@ -61,20 +62,38 @@ def query_batch(region: RegionArrays, x: Floats) -> Floats:
 
 
 def kernel_estimate(
-    y: Floats, evidence: Floats, z: Labels, bandwidth: float, prior: float, empty: float = 0.0
+    y: Floats,
+    evidence: Floats,
+    z: Labels,
+    bandwidth: float,
+    prior: float,
+    empty: float = 0.0,
+    sample_weight: Floats | None = None,
 ) -> Floats:
-    """Γ [B] at the points y [B, 2] from the evidence [k, 2] with labels z [k]: see the module."""
+    """Γ [B] at the points y [B, 2] from the evidence [k, 2] with labels z [k]: see the module.
+
+    sample_weight: [k] of the evidence; None: 1.
+    """
     weights = np.exp(-0.5 * (cdist(y, evidence) / bandwidth) ** 2)
+    if sample_weight is not None:
+        weights *= sample_weight
     return np.asarray((weights @ z + prior * empty) / (weights.sum(axis=1) + prior), np.float64)
 
 
 def discretise(
-    places: Floats, evidence: Floats, z: Labels, bandwidth: float, prior: float, cells: int, empty: float
+    places: Floats,
+    evidence: Floats,
+    z: Labels,
+    bandwidth: float,
+    prior: float,
+    cells: int,
+    empty: float,
+    sample_weight: Floats | None = None,
 ) -> tuple[Floats, Floats, float, float]:
     """Γ on a grid around the places y_i [k, 2].
 
     Args:
-        evidence, z: [k, 2] and [k], as `kernel_estimate` takes them.
+        evidence, z, sample_weight: [k, 2], [k] and [k], as `kernel_estimate` takes them.
         bandwidth: b in RMS radii of the places; prior: c; cells: G; empty: Γ_0.
 
     Returns:
@@ -87,5 +106,5 @@ def discretise(
     origin = (low + high) / 2 - cell * cells / 2
     centres = cell * (np.arange(cells) + 0.5)
     grid = np.stack(np.meshgrid(origin[0] + centres, origin[1] + centres, indexing="ij"), axis=-1)
-    gamma = kernel_estimate(grid.reshape(-1, 2), evidence, z, width, prior, empty)
+    gamma = kernel_estimate(grid.reshape(-1, 2), evidence, z, width, prior, empty, sample_weight)
     return gamma.reshape(cells, cells), origin, cell, empty

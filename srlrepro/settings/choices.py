@@ -46,11 +46,19 @@ class Choices:
     rate_bound: float = chosen("physics", 300.0, "[50, 1000]", "rad/s",
         "|θ̇_i| at which a rollout is given up",
         "the integration is no longer accurate; no recovery from UD comes near it")
+    random_law: str = chosen("data", "uniform", "uniform|normal", "",
+        "random policy: law of a torque, uniform within its limits or normal with random_std, cut at them",
+        "nothing is known of the learner yet; the limits are")
+    random_std: float = chosen("data", 36.8, "(0, inf)", "N·m", "random policy: std of a normal torque",
+        "that of the learner's first actions, exp(log_std_init) times action_unit")
     random_hold: float = chosen("data", 0.5, "(0, 600]", "s",
         "random policy: time for which a torque is held",
         "set-up condition: Fig. 2 shows unsafe states for α = 0; with a new torque every period all are safe")
     random_length: float = chosen("data", 4.0, "(0, 600]", "s", "random policy: longest rollout",
         "as a trial")
+    random_stop: str = chosen("data", "ranges", "ranges|ground", "",
+        "random policy: a rollout ends where it leaves the ranges of App. C, or only on the ground",
+        "set-up condition: the states of Fig. 2 lie in the state space; without it, most lie far outside")
     random_rollouts: int = chosen("data", 2000, "[1, inf)", "", "random policy: number of rollouts",
         "thousands of states, for 27 numbers")
     mnd_outside: str = chosen("data", "keep", "keep|redraw", "", "MND states outside the ranges of App. C",
@@ -64,8 +72,11 @@ class Choices:
     perplexity: float = chosen("region", 30.0, "[1, 1000]", "", "t-SNE: perplexity", "openTSNE's default")
     psi_neighbours: int = chosen("region", 16, "[1, 200]", "", "Ψ: number of neighbours",
         "held-out calibration on nominal data: a flat optimum around 8 to 16")
-    gamma_evidence: str = chosen("region", "held out", "held out|embedded", "", "Γ: places of the evidence",
-        "held-out calibration: far better than the places that t-SNE, knowing the labels, has chosen")
+    gamma_evidence: str = chosen("region", "embedded", "held out|embedded", "", "Γ: places of the evidence",
+        "the paper's words: the simplified states y_i are used to approximate Γ (Sec. II-C)")
+    gamma_weights: str = chosen("region", "none", "none|density ratio", "",
+        "Γ: weights of the evidence, all 1 or by how much denser the MND is there than the training states",
+        "the paper has none")
     gamma_bandwidth: float = chosen("region", 0.2, "(0, 1]", "", "Γ: kernel width in RMS radii of the y_i",
         "held-out calibration on nominal data: 0.1 and 0.2 are equally good, but 0.1 can deny the origin")
     gamma_prior: float = chosen("region", 1.0, "(0, 1000]", "",
@@ -79,21 +90,25 @@ class Choices:
     known_origin: bool = chosen("region", True, "true|false", "",
         "the origin joins the training states of Ψ and Γ as one more safe state",
         "set-up condition: the origin is known to be safe; without this, regions of α = 1 can deny it")
-    data_per_seed: bool = chosen("learner", False, "true|false", "",
-        "one training dataset per seed instead of one per α", "Fig. 2 shows one per α")
+    data_per_seed: bool = chosen("learner", True, "true|false", "",
+        "one training dataset per seed instead of one per α",
+        "what holds for α must not hold for one draw of its data alone; the paper does not say")
     observation: str = chosen("task", "state", "state|scaled", "",
         "what π sees: x itself or x in half ranges of App. C; and the sine and cosine of the target's phase",
         "the paper's π(x) sees x; the target moves, so that without its phase the task is no function of x")
     action_unit: float = chosen("task", 100.0, "[1, 1000]", "N·m", "torque of an action of 1",
         "the torque limit: actions then lie in [-1, 1], as stable-baselines3 advises")
     log_std_init: float = chosen("learner", -1.0, "[-5, 2]", "", "PPO: log of the initial std of the actions",
-        "set-up condition: with 0, most states visited first lie outside the state space of App. C")
+        "set-up condition: more of the states visited first lie in the state space of App. C than with 0")
     clip_range: float = chosen("learner", 0.2, "(0, 1)", "", "PPO: clip range", "stable-baselines3's default")
     learner: str = chosen("learner", "compiled", "compiled|stock", "",
         "PPO: stable-baselines3's, or the same with compiled rollouts and updates",
         "the same algorithm and random numbers in a fraction of the time (the benchmark measures it)")
     visited_states: int = chosen("learner", 20_000, "[1, inf)", "", "visited states kept of a run, about",
         "enough for an error rate to within half a per cent")
+    evaluation_steps: int = chosen("learner", 50_000, "[1, inf)", "",
+        "steps between two trials of the mean policy without a supervisor",
+        "thirty in a full run: when a policy was found, not only whether")
     checkpoint_updates: int = chosen("none", 100, "[1, inf)", "", "updates between two checkpoints",
         "half a minute of work is lost at most")
     hypothesis: str = chosen("task", "tsne", "tsne|euclidean|pca|knn|svm|mlp|nominal|real", "",

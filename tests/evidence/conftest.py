@@ -16,7 +16,14 @@ from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import write_arrays, write_json, write_table
 
-COUNTS = {"activations": 0, "recovered": 0, "hit_the_ground": 0, "not_recovered_in_time": 0, "falls": 0}
+COUNTS = {
+    "trials": 0,
+    "activations": 0,
+    "recovered": 0,
+    "hit_the_ground": 0,
+    "not_recovered_in_time": 0,
+    "falls": 0,
+}
 WriteRun = Callable[..., TrainedRun]
 
 
@@ -42,6 +49,8 @@ def write_run(tmp_path: Path) -> WriteRun:
         curve = np.array(given.get("curve", [0.0]))
         table = {"step": steps * (1 + np.arange(len(curve))) / len(curve), "mean_return": curve}
         write_table(folder / "curve.csv", pd.DataFrame(table | {"mean_length": 1.0 + np.arange(len(curve))}))
+        tried = pd.DataFrame(given.get("evaluations", {"step": [steps], "return": [0.0]}))
+        write_table(folder / "evaluations.csv", tried)
         visited = np.asarray(given.get("visited", np.zeros((4, 6))), np.float32)
         write_arrays(folder / "visited.npz", VISITED_FORMAT, x=visited)
         return read_run(folder)

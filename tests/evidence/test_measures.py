@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from learned import Learned
 
 from replication.__main__ import main
 from replication.evidence.claims import MEASURE_COLUMNS
 from replication.evidence.measures import (
+    BUDGETS,
     LAST_SHARE,
     SATISFYING,
     classification,
@@ -21,6 +23,7 @@ from replication.evidence.measures import (
     labelled,
     learning,
     log_odds,
+    measure_budgets,
     measure_data,
     measure_hypothesis,
     measure_regions,
@@ -162,9 +165,29 @@ def test_how_well_a_run_has_learned_by_hand(write_run: WriteRun) -> None:
     assert never["training_left"] == 0.0 and never["policy_alone_share"] == 0.0
 
 
+def test_a_run_is_judged_as_if_it_had_ended_sooner(write_run: WriteRun, tmp_path: Path) -> None:
+    """Six budgets of 100 steps each: the last tenth of each, and the first evaluation from its end on."""
+    trials = {"step": [95, 100, 101, 199, 600], "return": [1.0, 3.0, 100.0, 5.0, 7.0]}
+    curve = BEST * np.array([0.1, 0.9, 0.2])  # at steps 200, 400 and 600
+    evaluations = {"step": [110, 210, 600], "return": [-BEST, BEST / 2, BEST]}
+    run = write_run(steps=600, trials=trials, curve=curve, evaluations=evaluations)
+    rows = pd.DataFrame(measure_budgets(run), columns=["measure", "alpha", "delta", "seed", "step", "value"])
+    found = rows.pivot(index="step", columns="measure", values="value")
+    assert found.index.tolist() == [100, 200, 300, 400, 500, 600] and BUDGETS == 6
+    np.testing.assert_array_equal(found["final_return"], [2.0, 5.0, np.nan, np.nan, np.nan, 7.0])
+    np.testing.assert_allclose(found["policy_alone_share"], [0.0, 0.5, 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(found["training_left"], [0, 0, 0, 0, 1 / 5, 1 / 3])
+    out = tmp_path / "budgets.csv"
+    assert main(["budgets", str(run.folder), "--out", str(out)]) == 0
+    pd.testing.assert_frame_equal(
+        pd.read_csv(out, keep_default_na=False, na_values=""), rows, check_dtype=False
+    )
+
+
 def test_what_k_had_to_do_by_hand(write_run: WriteRun) -> None:
-    counts = {"activations": 5, "recovered": 3, "hit_the_ground": 1, "falls": 2}
+    counts = {"trials": 20, "activations": 5, "recovered": 3, "hit_the_ground": 1, "falls": 2}
     expected = {"activations": 5, "failures": 1, "falls": 2, "violations_per_1000_steps": 3.0}
+    expected |= {"activated_share": 0.25}
     rates = {"success_rate": 0.75, "success_log_odds": math.log(3.5 / 1.5)}
     assert recoveries(write_run(counts=counts)) == pytest.approx(expected | rates)
     untried = recoveries(write_run(counts=counts | {"recovered": 0, "hit_the_ground": 0}))

@@ -31,7 +31,10 @@ VARIED = {name: value for name, value in CONFIG.as_dict().items() if value != Co
 VARIED |= {"k": 40, "random_rollouts": 60}
 SETTINGS = ["--set", *(f"{name}={str(value).lower()}" for name, value in VARIED.items())]
 TRAIN = ["--alpha", "0.5", "--delta", "1.5", "--seed", "3", "--steps", str(SUPERVISED.steps)]
-PRODUCTS = [f"run/{name}" for name in ("trials.csv", "curve.csv", "visited.npz", "policy.zip", "run.json")]
+PRODUCTS = [
+    f"run/{name}"
+    for name in ("trials.csv", "evaluations.csv", "curve.csv", "visited.npz", "policy.zip", "run.json")
+]
 STEPS = [  # what a step writes, and its command line
     (["data.npz"], srlrepro, ["data", "--alpha", "0.5", "--out", "data.npz", *SETTINGS]),
     (["region.npz"], srlrepro, ["region", "--data", "data.npz", "--out", "region.npz", *SETTINGS]),

@@ -138,6 +138,22 @@ def test_the_final_trials_are_those_of_the_saved_policy(case: Case, whole: dict[
     assert result["no supervisor"] == evaluate(policy, ThreeLinkCircleEnv(1.5, config=CONFIG))
 
 
+@CONDITIONS
+def test_the_mean_policy_is_tried_while_it_is_learned(
+    case: Case, whole: dict[str, Path], tmp_path: Path
+) -> None:
+    """After the first update that passes a multiple; the training is none the wiser."""
+    case.train(tmp_path, evaluation_steps=100)
+    tried = pd.read_csv(tmp_path / "evaluations.csv")
+    assert UPDATE == 64 and tried["step"].tolist() == [128, 256, 320]
+    found, others = products(tmp_path), products(whole[case.name])
+    assert found["trials.csv"] == others["trials.csv"] and found["visited"] == others["visited"]
+    final = json.loads((tmp_path / "run.json").read_text())["final_policy"]["no supervisor"]
+    case.train(tmp_path / "last", evaluation_steps=UPDATE * UPDATES)
+    last = pd.read_csv(tmp_path / "last" / "evaluations.csv").to_dict("records")
+    assert last == [{"step": UPDATE * UPDATES} | final]
+
+
 def test_evaluation_is_one_trial() -> None:
     """Of a policy that does nothing: the target is 2 r |sin(πt / 2)| away."""
     idle: Any = SimpleNamespace(predict=lambda observation, deterministic: (np.zeros(3), None))

@@ -41,6 +41,24 @@ def test_gamma_counts_weighted_evidence_and_one_prior() -> None:
     assert kernel_estimate(*evidence, 0.3, 2.5, 0.6)[0] == pytest.approx((1 + 2.5 * 0.6) / (1 + 0.5 + 2.5))
 
 
+def test_a_weight_counts_evidence_several_times(rng: np.random.Generator) -> None:
+    evidence, z, y = rng.normal(size=(50, 2)), rng.integers(0, 2, 50), rng.normal(size=(300, 2))
+    weights = rng.integers(0, 4, 50)
+    weighted = kernel_estimate(y, evidence, z, 0.4, 1.0, 0.2, weights.astype(float))
+    repeated = kernel_estimate(y, np.repeat(evidence, weights, axis=0), np.repeat(z, weights), 0.4, 1.0, 0.2)
+    np.testing.assert_allclose(weighted, repeated, rtol=1e-12)
+
+
+def test_weights_reach_gamma_and_bad_ones_are_refused(example: tuple[Floats, ...]) -> None:
+    x, z, y = example
+    plain = SafeRegion().fit_embedding(x, z, y).arrays_.gamma
+    np.testing.assert_array_equal(SafeRegion().fit_embedding(x, z, y, np.ones(30)).arrays_.gamma, plain)
+    assert not np.array_equal(SafeRegion().fit_embedding(x, z, y, np.arange(30.0)).arrays_.gamma, plain)
+    for bad in (np.ones(29), -np.ones(30), np.full(30, np.nan)):
+        with pytest.raises(ParameterError, match="sample_weight"):
+            SafeRegion().fit_embedding(x, z, y, bad)
+
+
 @pytest.mark.parametrize("prior", [0.1, 1.0, 5.0])
 def test_gamma_is_monotone_in_evidence(prior: float, rng: np.random.Generator) -> None:
     evidence, z, y = rng.normal(size=(50, 2)), rng.integers(0, 2, 50), 2 * rng.normal(size=(300, 2))

@@ -1,6 +1,19 @@
 # What follows from regions and runs: the claims, and what is measured beside them.
 
 
+rule budgets:
+    input:
+        command("replication", "replication/evidence/measures.py"),
+        expand(f"{RESULTS}/runs/{{run}}/{{file}}", run=RUNS, file=["run.json", "trials.csv", "curve.csv", "evaluations.csv"]),
+    output:
+        f"{FIGURES}/budgets.csv",
+    params:
+        values=config["values"],
+        folders=expand(f"{RESULTS}/runs/{{run}}", run=RUNS),
+    shell:
+        f"{PYTHON} -m replication budgets {{params.folders:q}} --out {{output:q}}"
+
+
 rule claims:
     input:
         notebook("08_claims"),
@@ -8,6 +21,7 @@ rule claims:
         f"{MEASURES}/measures/01_pendulum.csv",
         expand(f"{MEASURES}/measures/{{stage}}__data_{{data}}.csv", stage=["02_training_data", "03_embedding", "04_safe_region"], data=DATA_SEEDS),
         expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
+        rules.budgets.output,
     output:
         notebook=f"{EXECUTED}/08_claims.ipynb",
         claims=f"{FIGURES}/claims.csv",

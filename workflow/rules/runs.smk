@@ -10,6 +10,7 @@ rule training_run:
         run=f"{RESULTS}/runs/{RUN}/run.json",
         trials=f"{RESULTS}/runs/{RUN}/trials.csv",
         curve=f"{RESULTS}/runs/{RUN}/curve.csv",
+        evaluations=f"{RESULTS}/runs/{RUN}/evaluations.csv",
         policy=f"{RESULTS}/runs/{RUN}/policy.npz",
         learner=f"{RESULTS}/runs/{RUN}/policy.zip",
         visited=f"{RESULTS}/runs/{RUN}/visited.npz",
@@ -50,7 +51,7 @@ rule run_measures:
 rule learning_performance:
     input:
         notebook("06_learning_performance"),
-        expand(f"{RESULTS}/runs/{{run}}/{{table}}.csv", run=RUNS, table=["curve", "measures"]),
+        expand(f"{RESULTS}/runs/{{run}}/{{table}}.csv", run=RUNS, table=["curve", "evaluations", "measures"]),
     output:
         notebook=f"{EXECUTED}/06_learning_performance.ipynb",
         figure=f"{FIGURES}/fig3_abc_learning.pdf",
