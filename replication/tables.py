@@ -167,6 +167,8 @@ def counted(folder: Path) -> Iterator[Found]:
         values = {"training_left": 1 - float(reached.min()) / run["steps"] if len(reached) else 0.0}
         values |= {name: float(run[name]) for name in ("activations", "failures", "falls")}
         values["violations_per_1000_steps"] = 1000.0 * (run["failures"] + run["falls"]) / run["steps"]
+        if run["trials"]:
+            values["activated_share"] = run["activations"] / run["trials"]
         if tried := run["recovered"] + run["failures"]:
             values["success_rate"] = run["recovered"] / tried
         if run["activations"]:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
-from scipy.stats import multivariate_normal
 
 from srlrepro.compiled.jit import jit
 from srlrepro.compiled.stack import read, write
@@ -179,6 +178,8 @@ def density_ratios(data: TrainingData, config: Config, x: Floats) -> Floats:
 
     p_mnd(x) / (α p_ud(x) + (1 − α) p_mnd(x)): the weights with which states of D_n stand for the MND.
     """
+    from scipy.stats import multivariate_normal  # here, since it is slow to import and seldom needed
+
     share, high = data.n_ud / len(data.x), np.array(config.paper.state_max)
     mnd = np.atleast_1d(multivariate_normal(data.mnd.mean, data.mnd.covariance).logpdf(x))
     with np.errstate(divide="ignore"):

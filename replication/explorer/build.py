@@ -77,7 +77,12 @@ def physics(config: Config) -> dict[str, Any]:
 def region_data(region: SafeRegion) -> dict[str, Any]:
     """Ψ of a region, and its Γ with either evidence: as written, where t-SNE has put it, and held out."""
     a, places = region.arrays_, region.embedding_
-    shape = region.gamma_bandwidth, region.gamma_prior, region.gamma_cells, region.gamma_empty
+    shape = (
+        region.gamma_bandwidth,
+        region.gamma_prior * len(region.labels_),
+        region.gamma_cells,
+        region.gamma_empty,
+    )
     own = a.gamma, a.origin, a.cell, a.empty
     grids = {region.gamma_evidence: own, "embedded": discretise(places, places, region.labels_, *shape)}
     gamma = {
@@ -177,7 +182,7 @@ def collect(folder: Path, figures: Path) -> dict[str, Any]:
     """All data of the page.
 
     Args:
-        folder: with regions and policies; of each condition the first seed is taken.
+        folder: with regions and policies; of each condition the first seed is taken, of each α its dataset.
         figures: with the tables of Fig. 3.
 
     Raises:
@@ -196,9 +201,10 @@ def collect(folder: Path, figures: Path) -> dict[str, Any]:
         require_same(policy.run, config)
     for region in regions:
         require_made_of(region.made_of, config, "region", where=region.path)
+    own = {alpha_text(r.made_of.alpha): r for r in sorted(regions, key=lambda r: -r.made_of.seed)}
     first = {policy.card: policy for policy in sorted(policies, key=lambda p: -p.run.condition.seed)}
     return physics(config) | {
-        "regions": {alpha_text(item.made_of.alpha): region_data(item.region) for item in regions},
+        "regions": {alpha: region_data(own[alpha].region) for alpha in sorted(own)},
         "actors": [actor_data(first[card].arrays) for card in sorted(first)],
         "test": test_states(config),
         "deltas": DELTAS.tolist(),

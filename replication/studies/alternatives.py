@@ -80,7 +80,9 @@ def _pca(x: Floats, z: Labels, config: Config) -> Posterior:
     scale, c = np.array(config.paper.state_max), config.choices
     pca = PCA(2).fit(x / scale)
     places = pca.transform(x / scale)
-    grid = discretise(places, places, z, c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
+    grid = discretise(
+        places, places, z, c.gamma_bandwidth, c.gamma_prior * len(x), c.gamma_cells, c.gamma_empty
+    )
     region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
     plane = pca.components_
     return Posterior(kinds.LINEAR, region, np.ascontiguousarray(plane), -plane @ pca.mean_)

@@ -22,8 +22,8 @@ from sklearn.utils.validation import check_is_fitted
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, as_states
 from srlrepro.region.hypothesis import MAP, Posterior
-from srlrepro.region.mapping import map_states
-from srlrepro.region.safety_map import RegionArrays, discretise, query_batch
+from srlrepro.region.mapping import Network, fit_network, held_out_places, map_states
+from srlrepro.region.safety_map import RegionArrays, discretise, place_batch, query_batch
 from srlrepro.region.tsne import dissimilarity, embed
 from srlrepro.samplers import TrainingData, density_ratios, known_states
 from srlrepro.settings.choices import Choices
@@ -34,8 +34,9 @@ from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 from srlrepro.storage.made_of import MadeOf, read_made_of, require_made_of, write_made_of
 
-FORMAT = "srlrepro-safe-region-3"
+FORMAT = "srlrepro-safe-region-4"
 TINY = float(np.finfo(float).tiny)  # below, numbers lose digits
+PARTS = (*RegionArrays._fields[:-1], *Network._fields)  # of the arrays, in a file
 LEAST_STATES = 4  # the spectral start of t-SNE needs more than the three vectors that it takes
 
 
@@ -54,14 +55,17 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     p_t: float = Paper.p_t  # threshold of eq. (5)
     label_gap: float = Choices.label_gap  # δ of Ω
     perplexity: float = Choices.perplexity  # of t-SNE
-    psi_neighbours: int = Choices.psi_neighbours  # of Ψ
+    psi: str = Choices.psi  # "network" or "neighbours"
+    psi_width: int = Choices.psi_width  # H of the network
+    psi_penalty: float = Choices.psi_penalty  # on its squared weights
+    psi_neighbours: int = Choices.psi_neighbours  # k of the neighbours
     gamma_evidence: str = Choices.gamma_evidence  # "held out" or "embedded"
     gamma_bandwidth: float = Choices.gamma_bandwidth  # b in RMS radii of the y_i
-    gamma_prior: float = Choices.gamma_prior  # c
+    gamma_prior: float = Choices.gamma_prior  # c / k
     gamma_empty: float = Choices.gamma_empty  # Γ_0
     gamma_cells: int = Choices.gamma_cells  # G
     state_max: tuple[float, ...] = Paper().state_max  # [d] half ranges that scale the states
-    random_state: int = 0  # seed of t-SNE
+    random_state: int = 0  # seed of t-SNE, and of the network
 
     @classmethod
     def from_config(cls, config: Config, seed: int = 0) -> "SafeRegion":
@@ -101,17 +105,22 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
             fits = weights.shape == (k,) and bool((np.isfinite(weights) & (weights >= 0)).all())
             check(fits, "sample_weight", "other values", f"{k} finite numbers in [0, inf)")
         scale = np.array(self.state_max, dtype=np.float64)
-        neighbours = int(min(self.psi_neighbours, k - 1))
-        x_train = np.ascontiguousarray((states / scale).T)
-        held_out = map_states(scale, x_train, places, neighbours, True, states)
+        neighbours, scaled = int(min(self.psi_neighbours, k - 1)), states / scale
+        x_train, held_out = np.ascontiguousarray(scaled.T), self.gamma_evidence == "held out"
+        shape, network, evidence = (self.psi_width, self.psi_penalty, self.random_state), Network(), places
+        if self.psi == "network":
+            network = fit_network(scaled, places, *shape)
+            evidence = held_out_places(scaled, places, *shape) if held_out else places
+        elif held_out:
+            evidence = map_states(scale, x_train, places, neighbours, True, states)
         self.classes_ = np.array([0, 1])
         self.embedding_ = places
         self.labels_ = labels.astype(np.int64)
-        self.evidence_ = held_out if self.gamma_evidence == "held out" else places
+        self.evidence_ = evidence
         self.made_of_: MadeOf | None = None
-        gamma = self.gamma_bandwidth, self.gamma_prior, self.gamma_cells, self.gamma_empty
+        gamma = self.gamma_bandwidth, self.gamma_prior * k, self.gamma_cells, self.gamma_empty
         grid = discretise(places, self.evidence_, self.labels_, *gamma, weights)
-        self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid)
+        self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid, network)
         return self
 
     def _states(self, x: ArrayLike) -> Floats:
@@ -132,8 +141,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def transform(self, x: ArrayLike) -> Floats:
         """Ψ: simplified states y [B, 2] of the states x [B, d]."""
         check_is_fitted(self)
-        a = self.arrays_
-        return map_states(a.scale, a.x_train, a.y_train, a.neighbours, False, self._states(x))
+        return place_batch(self.arrays_, self._states(x))
 
     def safety(self, x: ArrayLike) -> Floats:
         """Γ(Ψ(x)) [B], the probability that x is safe (eq. 4)."""
@@ -157,14 +165,17 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def digest(self) -> str:
         """SHA-256 of what h depends on, to tell regions apart."""
         check_is_fitted(self)
-        parts = (*self.arrays_, self.p_t)
+        *parts, network = self.arrays_
+        parts = [*parts, *network, self.p_t]
         return hashlib.sha256(b"".join(np.asarray(part).tobytes() for part in parts)).hexdigest()
 
     def save(self, path: Path) -> None:
         """Write the fitted region as npz: parameters as numbers and text, no pickle."""
         check_is_fitted(self)
         arrays: dict[str, Any] = {f"param_{name}": np.array(v) for name, v in self.get_params().items()}
-        arrays |= {f"array_{name}": np.array(value) for name, value in self.arrays_._asdict().items()}
+        *own, network = self.arrays_
+        parts = dict(zip(PARTS, [*own, *network], strict=True))
+        arrays |= {f"array_{name}": np.array(value) for name, value in parts.items()}
         arrays |= {"evidence": self.evidence_, "labels": self.labels_}
         write_arrays(path, FORMAT, **arrays, made_of=write_made_of(self._still_made_of()))
 
@@ -179,20 +190,22 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     @classmethod
     def load(cls, path: Path) -> "SafeRegion":
         """Read what `save` wrote; `ResultError`: a missing, damaged or other file, or values not allowed."""
-        names, fields = tuple(cls().get_params()), RegionArrays._fields
+        names = tuple(cls().get_params())
         params = [f"param_{name}" for name in names]
-        kinds = {f"array_{name}": "f8" for name in fields} | {"array_neighbours": "i8"}
+        kinds = {f"array_{name}": "f8" for name in PARTS} | {"array_neighbours": "i8"}
         kinds |= {"evidence": "f8", "labels": "i8", "made_of": "U"}
         stored = read_arrays(path, FORMAT, kinds) | read_arrays(path, FORMAT, params)
         values = {n: stored[f"param_{n}"].tolist() for n in names}
         if isinstance(values["state_max"], list):
             values["state_max"] = tuple(values["state_max"])
         region = cls(**values)
-        a = {n: stored[f"array_{n}"] for n in fields}
+        a = {n: stored[f"array_{n}"] for n in PARTS}
         labels, evidence = stored["labels"], stored["evidence"]
         k, size, cells = labels.size, np.size(values["state_max"]), region.gamma_cells
         parts = (*a.values(), evidence, labels)
-        shapes = [(size,), (size, k), (k, 2), (), (cells, cells), (2,), (), (), (k, 2), (k,)]
+        width = region.psi_width if region.psi == "network" else None
+        network = [(0, 0), (0,)] * 3 if width is None else _network_shapes(size, width)
+        shapes = [(size,), (size, k), (k, 2), (), (cells, cells), (2,), (), (), *network, (k, 2), (k,)]
         try:
             region._check_parameters(k)
             region._states(np.zeros(size))
@@ -205,12 +218,18 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         except (ValueError, TypeError) as error:
             raise ResultError(f"{path} holds a region whose parts do not fit together") from error
         a["neighbours"], a["cell"], a["empty"] = int(a["neighbours"]), float(a["cell"]), float(a["empty"])
-        region.arrays_ = RegionArrays(**a)
+        weights = Network(*(a.pop(name) for name in Network._fields))
+        region.arrays_ = RegionArrays(**a, network=weights)
         region.classes_, region.embedding_ = np.array([0, 1]), a["y_train"]
         region.evidence_, region.labels_ = evidence, labels
         region.made_of_ = read_made_of(stored["made_of"], "region", path)
         region.made_of_ = region._still_made_of()
         return region
+
+
+def _network_shapes(size: int, width: int) -> list[tuple[int, ...]]:
+    """Of the arrays of a `Network` for states [size]."""
+    return [(size, width), (width,), (width, width), (width,), (width, 2), (2,)]
 
 
 def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegion:
@@ -219,7 +238,7 @@ def learn_region(data: TrainingData, config: Config, seed: int = 0) -> SafeRegio
     Args:
         data: D_tr; what they say that they were made of, the region says too.
         config: with the values that the data were made with.
-        seed: of t-SNE.
+        seed: of t-SNE, and of Ψ's network.
 
     Raises:
         ParameterError: the data were made with other values than those of the configuration.

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import Labels
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.region.mapping import map_state
+from srlrepro.region.mapping import Network, apply_network, map_state
 
 MARGIN = 3.0  # bandwidths around the evidence that the grid covers: beyond, a kernel weighs under 1.2 %
 
@@ -29,11 +29,12 @@ class RegionArrays(NamedTuple):
     scale: Floats  # [d] half ranges
     x_train: Floats  # [d, k] scaled
     y_train: Floats  # [k, 2]
-    neighbours: int  # of Ψ
+    neighbours: int  # of Ψ, where it is by neighbours
     gamma: Floats  # [G, G], cell (i, j) covers y = origin + cell·([i, i + 1), [j, j + 1))
     origin: Floats  # [2]
     cell: float  # its side
     empty: float = 0.0  # Γ_0, and so Γ outside the grid
+    network: Network = Network()  # Ψ, where it is not by neighbours
 
 
 @jit
@@ -47,9 +48,26 @@ def look_up(region: RegionArrays, y1: float, y2: float) -> float:
 
 
 @jit
+def place(region: RegionArrays, x: Floats) -> tuple[float, float]:
+    """Ψ of one state x [d]: (y_1, y_2)."""
+    if region.network.first.size > 0:
+        return apply_network(region.network, region.scale, x)
+    return map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)
+
+
+@jit
+def place_batch(region: RegionArrays, x: Floats) -> Floats:
+    """Ψ of states x [B, d]: y [B, 2]."""
+    y = np.empty((x.shape[0], 2))
+    for i in range(x.shape[0]):
+        y[i, 0], y[i, 1] = place(region, x[i])
+    return y
+
+
+@jit
 def query(region: RegionArrays, x: Floats) -> tuple[float, float, float]:
     """(y_1, y_2, Γ) of one state x [d]: Ψ, then Γ."""
-    y1, y2 = map_state(region.scale, region.x_train, region.y_train, region.neighbours, -1, x)
+    y1, y2 = place(region, x)
     return y1, y2, look_up(region, y1, y2)
 
 

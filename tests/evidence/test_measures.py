@@ -172,7 +172,7 @@ def test_a_run_is_judged_as_if_it_had_ended_sooner(write_run: WriteRun, tmp_path
     evaluations = {"step": [110, 210, 600], "return": [-BEST, BEST / 2, BEST]}
     run = write_run(steps=600, trials=trials, curve=curve, evaluations=evaluations)
     rows = pd.DataFrame(measure_budgets(run), columns=["measure", "alpha", "delta", "seed", "step", "value"])
-    found = rows.pivot(index="step", columns="measure", values="value")
+    found = rows.pivot_table(index="step", columns="measure", values="value", dropna=False)
     assert found.index.tolist() == [100, 200, 300, 400, 500, 600] and BUDGETS == 6
     np.testing.assert_array_equal(found["final_return"], [2.0, 5.0, np.nan, np.nan, np.nan, 7.0])
     np.testing.assert_allclose(found["policy_alone_share"], [0.0, 0.5, 1.0, 1.0, 1.0, 1.0])

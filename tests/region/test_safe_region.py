@@ -71,7 +71,9 @@ def test_gamma_is_monotone_in_evidence(prior: float, rng: np.random.Generator) -
 
 def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...]) -> None:
     x, _, y = example
-    region = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.1, p_t=0.3).fit_embedding(x, np.ones(30, int), y)
+    region = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.003, p_t=0.3).fit_embedding(
+        x, np.ones(30, int), y
+    )
     safe = region.arrays_.gamma > region.p_t
     assert safe.any()
     assert not safe.all()
@@ -79,7 +81,7 @@ def test_where_there_is_no_evidence_nothing_is_safe(example: tuple[Floats, ...])
     assert corner.max() < 0.05
     far = kernel_estimate(np.array([[1e3, -1e3]]), region.evidence_, region.labels_, 0.1, 0.1)
     assert far[0] == 0.0
-    hopeful = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.1, gamma_empty=0.5).fit_embedding(
+    hopeful = SafeRegion(gamma_bandwidth=0.05, gamma_prior=0.003, gamma_empty=0.5).fit_embedding(
         x, np.ones(30, int), y
     )
     assert hopeful.arrays_.gamma.min() >= 0.5
@@ -111,7 +113,9 @@ def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned)
     cells = np.random.default_rng(0).integers(0, region.gamma_cells, (200, 2))
     centres = a.origin + a.cell * (cells + 0.5)
     found = [look_up(a, *y) for y in centres]
-    expected = kernel_estimate(centres, region.evidence_, region.labels_, bandwidth, region.gamma_prior)
+    expected = kernel_estimate(
+        centres, region.evidence_, region.labels_, bandwidth, region.gamma_prior * len(region.labels_)
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-300)
     inside = (region.embedding_ >= a.origin) & (region.embedding_ <= a.origin + a.cell * region.gamma_cells)
     assert inside.all()
@@ -119,11 +123,15 @@ def test_the_grid_holds_the_estimate_at_the_centres_of_its_cells(small: Learned)
 
 def test_evidence_lies_where_the_other_states_place_it(example: tuple[Floats, ...]) -> None:
     x, z, y = example
-    held_out = SafeRegion(gamma_evidence="held out", psi_neighbours=3).fit_embedding(x, z, y)
+    values = {"psi": "neighbours", "gamma_evidence": "held out", "psi_neighbours": 3}
+    held_out = SafeRegion(**values).fit_embedding(x, z, y)
     np.testing.assert_array_equal(SafeRegion(gamma_evidence="embedded").fit_embedding(x, z, y).evidence_, y)
     scaled = np.ascontiguousarray((x / HIGH).T)
     np.testing.assert_array_equal(held_out.evidence_, map_states(HIGH, scaled, y, 3, True, x))
     assert (held_out.evidence_ != y).any(axis=1).all()
+    of_network = SafeRegion(gamma_evidence="held out").fit_embedding(x, z, y)
+    seen = SafeRegion().fit_embedding(x, z, y).transform(x)
+    assert np.abs(seen - y).mean() < np.abs(of_network.evidence_ - y).mean()
 
 
 def test_predictions_are_consistent(small: Learned, draw: Draw) -> None:
@@ -164,14 +172,17 @@ def test_the_origin_is_known_to_be_safe(full: dict[float, Learned], alpha: float
     assert region.predict(np.zeros(6))[0] == 1
     x, z = known_states(data, Config())
     np.testing.assert_array_equal(region.labels_, z)
-    np.testing.assert_array_equal(region.transform(x), region.embedding_)
+    by_neighbours = region.set_params(psi="neighbours").fit_embedding(x, z, region.embedding_)
+    np.testing.assert_array_equal(by_neighbours.transform(x), region.embedding_)
     assert 0 < region.predict(x).sum() < len(x)
 
 
 def test_learning_is_deterministic(small: Learned, small_config: Config) -> None:
     again = learn_region(small[0], small_config)
-    for found, expected in zip(again.arrays_, small[1].arrays_, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    *found, network = again.arrays_
+    *expected, other = small[1].arrays_
+    for part, same in zip((*found, *network), (*expected, *other), strict=True):
+        np.testing.assert_array_equal(part, same)
 
 
 def test_learn_takes_every_value_of_the_configuration(small: Learned, small_config: Config) -> None:
@@ -179,10 +190,13 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
         p_t=0.6,
         label_gap=0.5,
         perplexity=20.0,
+        psi="neighbours",
+        psi_width=8,
+        psi_penalty=0.5,
         psi_neighbours=5,
-        gamma_evidence="embedded",
+        gamma_evidence="held out",
         gamma_bandwidth=0.3,
-        gamma_prior=2.0,
+        gamma_prior=0.2,
         gamma_empty=0.3,
         gamma_cells=64,
         known_origin=False,
@@ -191,7 +205,8 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
         theta23_max=3.0,
     )
     region = learn_region(replace(small[0], made_of=None), config, seed=7)
-    expected = SafeRegion(0.6, 0.5, 20.0, 5, "embedded", 0.3, 2.0, 0.3, 64, config.paper.state_max, 7)
+    psi, gamma = ("neighbours", 8, 0.5, 5), ("held out", 0.3, 0.2, 0.3, 64)
+    expected = SafeRegion(0.6, 0.5, 20.0, *psi, *gamma, config.paper.state_max, 7)
     assert region.get_params() == expected.get_params()
     assert len(region.labels_) == len(small[0].z)
     paths = ClosedLoop.from_config(small_config).rollout(small[0].x).paths[:, :101:20]
@@ -223,7 +238,7 @@ def test_states_of_any_finite_size_have_a_place_and_a_label(small: Learned) -> N
 
 def test_identical_simplified_states_are_one_place(example: tuple[Floats, ...]) -> None:
     x, z, _ = example
-    region = SafeRegion(gamma_prior=1.0).fit_embedding(x, z, np.zeros((30, 2)))
+    region = SafeRegion(gamma_prior=1 / 30).fit_embedding(x, z, np.zeros((30, 2)))
     np.testing.assert_allclose(region.safety(x[:3]), z.sum() / 31, rtol=1e-2)
 
 

@@ -12,6 +12,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV
 
 from srlrepro.dynamics.pendulum import Floats
+from srlrepro.region.mapping import Network
 from srlrepro.region.safe_region import FORMAT, SafeRegion
 from srlrepro.settings.config import PARAMETERS, Config
 from srlrepro.settings.fields import ParameterError
@@ -52,7 +53,14 @@ SPOILS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
     "text instead of numbers": (lambda v: v.dtype.kind in "if", lambda v: np.array("text")),
     "minus one": (lambda v: v.dtype.kind in "if", lambda v: 0 * v - 1),
 }
-MAY_BE_NEGATIVE = {"array_x_train", "array_y_train", "array_origin", "evidence", "param_random_state"}
+MAY_BE_NEGATIVE = {
+    *(f"array_{name}" for name in Network._fields),
+    "array_x_train",
+    "array_y_train",
+    "array_origin",
+    "evidence",
+    "param_random_state",
+}
 
 
 @pytest.mark.parametrize("spoil", SPOILS)
@@ -80,7 +88,10 @@ BAD_PARAMETERS: dict[str, list[Any]] = {
     "perplexity": [0.5, np.inf],
     "psi_neighbours": [0, -1, 2.5, 201, True, np.float64(3.0)],
     "gamma_bandwidth": [0.0, -0.1, np.nan, 1.5],
-    "gamma_prior": [0.0, -1.0, np.nan],
+    "gamma_prior": [0.0, -1.0, np.nan, 1.5],
+    "psi": ["linear"],
+    "psi_width": [0, 1.5, 1025],
+    "psi_penalty": [-1.0, np.inf],
     "gamma_empty": [-0.1, 1.0],
     "gamma_cells": [0, -3, 7, 1025],
     "gamma_evidence": ["elsewhere"],
@@ -155,8 +166,8 @@ def test_sklearns_conventions(example: tuple[Floats, ...]) -> None:
     region = SafeRegion(p_t=0.7, psi_neighbours=3)
     assert region.get_params()["p_t"] == 0.7
     assert clone(region).get_params() == region.get_params()
-    assert region.set_params(gamma_prior=2.0) is region
-    assert region.gamma_prior == 2.0
+    assert region.set_params(gamma_prior=0.5) is region
+    assert region.gamma_prior == 0.5
     for call in (region.transform, region.safety, region.predict_proba, region.predict, region.save):
         with pytest.raises(NotFittedError):
             call(np.zeros((1, 6)))

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from learned import Learned
 from scipy.spatial.distance import cdist
+from sklearn.model_selection import KFold
 from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
 
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.region.mapping import map_state, map_states
+from srlrepro.region.mapping import apply_network, fit_network, held_out_places, map_state, map_states
 from srlrepro.region.tsne import dissimilarity, embed, label_purity, trajectory_distances
 from srlrepro.samplers import known_states
 from srlrepro.settings.config import Config
@@ -184,3 +186,36 @@ def test_compiled_code_does_what_the_source_says() -> None:
     for left_out in (False, True):
         expected = map_states.py_func(*arguments, 6, left_out, mixed)
         np.testing.assert_allclose(map_states(*arguments, 6, left_out, mixed), expected, rtol=1e-9)
+
+
+def test_the_network_is_scikit_learns_regression(
+    example: tuple[Floats, ...], rng: np.random.Generator
+) -> None:
+    """Of y in standard deviations, so that a factor of y scales Ψ."""
+    x, _, y = example
+    scaled, states = x / HIGH, rng.uniform(-2, 2, (50, 6)) * HIGH
+    mean, spread = y.mean(axis=0), y.std()
+    model = MLPRegressor(hidden_layer_sizes=(7, 7), solver="lbfgs", alpha=0.3, max_iter=500, random_state=4)
+    expected = model.fit(scaled, (y - mean) / spread).predict(states / HIGH) * spread + mean
+    network = fit_network(scaled, y, 7, 0.3, 4)
+    found = [apply_network(network, HIGH, state) for state in states]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(apply_network.py_func(network, HIGH, states[0]), found[0], rtol=1e-12)
+    far = apply_network(network, HIGH, np.full(6, 1e300))
+    assert np.isfinite(far).all() and far == apply_network(network, HIGH, 1e7 * HIGH)
+    larger = fit_network(scaled, 4 * y, 7, 0.3, 4)
+    np.testing.assert_allclose([apply_network(larger, HIGH, s) for s in states], 4 * expected, rtol=1e-9)
+
+
+def test_held_out_places_are_those_of_networks_that_have_not_seen_them(example: tuple[Floats, ...]) -> None:
+    x, _, y = example
+    found = held_out_places(x / HIGH, y, 5, 1.0, 2)
+    expected = np.empty_like(y)
+    mean, spread = y.mean(axis=0), y.std()
+    for others, held in KFold(10, shuffle=True, random_state=2).split(x):
+        model = MLPRegressor(
+            hidden_layer_sizes=(5, 5), solver="lbfgs", max_iter=500, alpha=1.0, random_state=2
+        )
+        model.fit((x / HIGH)[others], ((y - mean) / spread)[others])
+        expected[held] = model.predict((x / HIGH)[held]) * spread + mean
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

@@ -53,7 +53,7 @@ def plain(kind: str, x: Floats, z: Labels, states: Floats) -> Floats:
     elif kind == "pca":
         pca = PCA(2).fit(s)
         places = pca.transform(s)
-        values = (c.gamma_bandwidth, c.gamma_prior, c.gamma_cells, c.gamma_empty)
+        values = (c.gamma_bandwidth, c.gamma_prior * len(x), c.gamma_cells, c.gamma_empty)
         gamma, origin, cell, _ = discretise(places, places, z, *values)
         cells = np.floor((pca.transform(states / SCALE) - origin) / cell).astype(int)
         inside = ((cells >= 0) & (cells < len(gamma))).all(axis=1)
