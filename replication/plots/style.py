@@ -23,11 +23,13 @@ from srlrepro.storage.files import beside, write_table
 # Conditions: α of the training data, or no supervisor. Okabe and Ito's colours.
 CONDITIONS = {"0": "#0072B2", "0.5": "#009E73", "1": "#D55E00", NONE: "#4D4D4D"}
 MARKERS = {"0": "o", "0.5": "s", "1": "^", NONE: "D"}
+OTHER_MARKER = "v"  # of other values of α
 KNOWS_SYSTEM = "#CC79A7"  # a hypothesis that knows the system, whatever α
 ANY_CONDITION = "#666666"  # entries of a legend that hold for all conditions
 
-# States: the label l(x), and the safe region.
+# States: the label l(x), the law that they were drawn from, and the safe region.
 SAFE, UNSAFE = "#56B4E9", "#AA4499"  # K recovers from x, or not
+LAWS = {"UD": "s", "MND": "o"}  # markers
 BORDER = "#00E5FF"  # of S_y, drawn on Γ
 
 # The pendulum; LINK, TARGET and GROUND are handed on from `render`.
@@ -76,6 +78,11 @@ def color(name: str) -> str:
     return mpl.colors.to_hex(mpl.colormaps[ALPHA_MAP](0.15 + 0.7 * float(name)))
 
 
+def marker(name: str) -> str:
+    """The marker of a condition, for those who do not see its colour."""
+    return MARKERS.get(name, OTHER_MARKER)
+
+
 def delta_colors(count: int) -> list[str]:
     """As many colours for rising values of Δ."""
     return [mpl.colors.to_hex(mpl.colormaps[DELTA_MAP](place)) for place in np.linspace(0.1, 0.8, count)]
@@ -86,11 +93,19 @@ def label(name: str) -> str:
     return "no supervisor" if name == NONE else rf"$\alpha = {name}$"
 
 
+def count_of(number: int, word: str) -> str:
+    """A number and its noun: "1 seed", "3 seeds"."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
 def panels(
-    count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc"
+    count: int, height: float = 2.9, width: float = 3.1, letters: str = "abc", sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """A row of panels, lettered on from the first of ``letters``, if there are any: figure and axes."""
-    figure, axes = plt.subplots(1, count, figsize=(width * count, height), squeeze=False)
+    """A row of panels, lettered on from the first of ``letters``, if there are any: figure and axes.
+
+    sharey: all have the same vertical range, which the first one names.
+    """
+    figure, axes = plt.subplots(1, count, figsize=(width * count, height), squeeze=False, sharey=sharey)
     for i, ax in enumerate(axes[0] if letters else []):
         ax.set_title(f"({chr(ord(letters[0]) + i)})", loc="left", fontweight="bold")
     return figure, list(axes[0])

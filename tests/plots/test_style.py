@@ -234,3 +234,20 @@ def test_more_panels_than_letters_are_lettered_on() -> None:
     _, axes = panels(5, letters="def")
     assert [ax.get_title(loc="left") for ax in axes] == ["(d)", "(e)", "(f)", "(g)", "(h)"]
     assert panels(2, letters="")[1][1].get_title(loc="left") == ""
+
+
+def test_conditions_differ_in_their_markers_and_other_alphas_have_one_of_their_own() -> None:
+    known = [style.marker(name) for name in CONDITIONS]
+    assert len(set(known)) == len(known) and style.marker("0.25") == style.marker("0.75")
+    assert style.marker("0.25") not in known and len(set(style.LAWS.values())) == len(style.LAWS)
+
+
+def test_panels_share_their_vertical_range_if_they_shall() -> None:
+    for shared in (False, True):
+        _, axes = panels(2, sharey=shared)
+        axes[0].set_ylim(0, 7)
+        assert (axes[1].get_ylim() == (0, 7)) == shared
+
+
+def test_a_number_agrees_with_its_noun() -> None:
+    assert [style.count_of(n, "seed") for n in (1, 3)] == ["1 seed", "3 seeds"]
