@@ -238,8 +238,8 @@ def contrasts_of(
                 held = int((one.groups[0] >= claim.value).sum())
                 ends = (held / n if n else math.nan, *share_interval(held, n, level))
             elif claim.kind == "predicts":
-                ends = one.groups[0].mean() if n else math.nan, *prediction_interval(one.groups[0], level)
-                ends = tuple(end - claim.value for end in ends)
+                values = one.groups[0] - one.constant
+                ends = (float(values.mean()) if n else math.nan, *prediction_interval(values, level))
             else:
                 ends = contrast_interval(one.groups, one.weights, one.constant, level)
             row: Cell = {"id": claim.id, "contrast": one.name, "delta": one.delta}

@@ -27,9 +27,10 @@ Bounds = tuple[float, float]
 
 
 def half_width(spread: ArrayLike, n: ArrayLike, level: float = LEVEL) -> Floats:
-    """Half of the width of Student's t-interval of a mean of n values with the sample standard deviation spread.
+    """Half of the width of Student's t-interval of a mean of n values.
 
-    Value by value; NaN for fewer than two values, which tell nothing of their spread.
+    spread: their sample standard deviation. Value by value; NaN for fewer than two values, which tell nothing
+    of their spread.
     """
     count = np.asarray(n, np.float64)
     return np.asarray(stats.t.ppf((1 + level) / 2, count - 1) * np.asarray(spread) / count**0.5)

@@ -319,7 +319,7 @@ def test_an_interval_wholly_on_one_side_decides(kind: str) -> None:
 def test_a_difference_is_judged_by_its_sign_and_then_by_its_size(
     middle: float, spread: float, state: str
 ) -> None:
-    """A smallest effect of 0.1; ten runs, so that an interval of the difference is ± 0.95 times the spread."""
+    """A smallest effect of 0.1; of ten runs each, so that the interval is ± 0.99 times the spread."""
     one = claim("greater", where={"alpha": ["0"]}, than={"alpha": ["none"]}, effect=0.1)
     noise = spread * np.array([-1.0, 1.0] * 5)
     table = pd.concat([single(*(middle + noise)), single(*noise).assign(alpha="none")])
