@@ -146,10 +146,9 @@ def judged(folder: Path) -> Iterator[Found]:
     exactly = is_new(folder)
     measures = read_measures(folder / "measures.csv")
     claims, contrasts = judge_claims(load_claims(), measures)
-    shown = contrasts if exactly else contrasts.drop(columns="correlation")  # rounding may turn its sign
     yield Found("claims", claims, None, exactly=exactly)
-    yield Found("contrasts", shown, 4, exactly=exactly)
-    yield Found("verdict", shown, exactly=exactly)
+    yield Found("contrasts", contrasts, 4, exactly=exactly)
+    yield Found("verdict", contrasts, exactly=exactly)
     yield Found(
         "final_performance", final_performance(measures, perfect_return(Config())), 4, exactly=exactly
     )

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from replication.evidence.claims import Claim
+from replication.evidence.claims import NUMBERS, Claim
 from replication.plots.style import BACKGROUND, DEFAULT_UNIVERSE, GRID, INK, LEVELS, PAPERS_NUMBER
 from replication.studies.multiverse import ALONE, RANDOM, Choice
 
@@ -38,7 +38,7 @@ def plot_curve(claim: Claim, table: pd.DataFrame, total: int, choices: Sequence[
         top.scatter(part.index, part["value"], 22, fills, marker=shape, edgecolors=INK, linewidths=0.7)
     default = table.loc[table["id"] == "default", "value"]
     top.scatter(default.index, default, 130, "none", marker="s", edgecolors=DEFAULT_UNIVERSE, linewidths=1.5)
-    near, name = claim.kind == "near", claim.measure.replace("_", " ")
+    near, name = claim.kind in NUMBERS, claim.measure.replace("_", " ")
     top.axhline(claim.value if near else 0.0, color=PAPERS_NUMBER, linewidth=1)
     if near:
         low, high = claim.value - claim.tolerance, claim.value + claim.tolerance

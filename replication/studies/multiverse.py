@@ -24,7 +24,7 @@ import pandas as pd
 from scipy.stats import false_discovery_control, kruskal
 from scipy.stats.qmc import LatinHypercube
 
-from replication.evidence.claims import RATES, Claim, Grid, contrasts_of, margins, points
+from replication.evidence.claims import NUMBERS, RATES, Claim, Grid, contrasts_of, margins, points
 from replication.evidence.statistics import share_interval
 from replication.studies.alternatives import ORACLES
 from srlrepro.settings.choices import Choices
@@ -136,7 +136,7 @@ def outcomes(claims: Iterable[Claim], measures: Tables, conditions: Tables, grid
             margin = float(margins(contrasts).min(skipna=False))
             value, held = margin, points(contrasts)
             why = "not measured" if held is None else ""
-            if claim.kind == "near":  # the measure itself
+            if claim.kind in NUMBERS:  # the measure itself
                 value = contrasts["estimate"].mean() + claim.value
             if len(broken):
                 value, margin, held, why = np.nan, np.nan, None, VIOLATED + "; ".join(broken)

@@ -11,9 +11,11 @@ from scipy import stats
 
 from replication.evidence.statistics import (
     LEVEL,
+    contrast_interval,
     final_performance,
+    half_width,
     interquartile_mean,
-    mean_interval,
+    prediction_interval,
     share_interval,
     stratified_bootstrap,
 )
@@ -34,9 +36,8 @@ SHAPES: dict[str, tuple[Draw, float]] = {
 
 def t_interval(x: Floats) -> tuple[Floats, Floats]:
     """Of each row of x [S, n]."""
-    bounds = [mean_interval(m, s, x.shape[1]) for m, s in zip(x.mean(1), x.std(1, ddof=1), strict=True)]
-    low, high = np.array(bounds).T
-    return low, high
+    half = half_width(x.std(1, ddof=1), x.shape[1])
+    return x.mean(1) - half, x.mean(1) + half
 
 
 def bootstrap(x: Floats, rng: Generator, method: str) -> tuple[Floats, Floats]:
@@ -93,11 +94,80 @@ def test_no_interval_of_three_seeds_knows_a_second_hump() -> None:
 def test_interval_of_a_mean_by_scipy() -> None:
     values = np.array([1.0, 2.0, 6.0])
     expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.9)
-    assert mean_interval(3.0, values.std(ddof=1), 3, 0.9) == pytest.approx((expected.low, expected.high))
-    low, high = mean_interval(0.0, 1.0, 3)
-    assert high == -low == pytest.approx(4.303 / math.sqrt(3), abs=1e-3)
-    assert all(math.isnan(end) for end in mean_interval(1.0, math.nan, 1))
-    assert mean_interval(1.0, 0.0, 5) == (1.0, 1.0)
+    found = contrast_interval([values], [1.0], level=0.9)
+    assert found == pytest.approx((3.0, expected.low, expected.high))
+    assert found[2] - found[0] == pytest.approx(float(half_width(values.std(ddof=1), 3, 0.9)))
+    assert half_width(1.0, 3) == pytest.approx(4.303 / math.sqrt(3), abs=1e-3)
+    assert contrast_interval([np.full(5, 1.0)], [-1.0], constant=2.0) == (-3.0, -3.0, -3.0)
+
+
+def test_interval_of_a_difference_by_scipy() -> None:
+    one, other = np.array([1.0, 2.0, 6.0, 7.0]), np.array([0.5, 0.4, 0.9])
+    expected = stats.ttest_ind(one, other, equal_var=False).confidence_interval()
+    found = contrast_interval([one, other], [1.0, -1.0])
+    assert found == pytest.approx((3.4, expected.low, expected.high))
+    halved = contrast_interval([one, other], [0.5, -0.5])
+    assert halved == pytest.approx([end / 2 for end in found])
+
+
+def test_a_group_without_spread_or_without_values_has_no_interval() -> None:
+    some = np.array([1.0, 2.0])
+    estimate, low, high = contrast_interval([some, some[:1]], [1.0, -1.0])
+    assert estimate == pytest.approx(0.5) and math.isnan(low) and math.isnan(high)
+    assert all(map(math.isnan, contrast_interval([some, some[:0]], [1.0, -1.0])))
+    assert all(map(math.isnan, prediction_interval(some[:1])))
+
+
+def runs_on(datasets: float, learners: float, rng: Generator, size: tuple[int, ...]) -> Floats:
+    """Values of runs with a dataset each: their variance is that of the datasets and of the learners."""
+    return datasets * rng.normal(size=size) + learners * rng.normal(size=size)
+
+
+# standard deviations of (datasets, learners) of the groups, and the weights of a contrast of their means
+GROUPS = {
+    "alike": ([(1.0, 1.0), (1.0, 1.0)], [1, -1]),
+    "one hardly varies": ([(2.0, 1.0), (0.1, 0.05)], [1, -1]),
+    "a gap that grows": ([(2.0, 0.5), (0.5, 0.5), (0.2, 1.0), (0.0, 0.3)], [1, -1, -1, 1]),
+}
+
+
+@pytest.mark.parametrize("groups", GROUPS)
+def test_contrasts_over_datasets_and_learners_keep_their_level(groups: str) -> None:
+    """Ten runs, each with its own dataset and learner: Welch, with Satterthwaite's degrees of freedom."""
+    rng = np.random.default_rng(3)
+    spreads, weights = GROUPS[groups]
+    values = [runs_on(*spread, rng, (SAMPLES, 10)) for spread in spreads]
+    ends = np.array([contrast_interval([v[i] for v in values], weights) for i in range(SAMPLES)])
+    covered = (ends[:, 1] <= 0) & (ends[:, 2] >= 0)
+    assert covered.mean() == pytest.approx(LEVEL, abs=0.015)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_prediction_interval_contains_the_mean_of_three_runs_on_one_new_dataset(share: float) -> None:
+    """With the dataset's true share of the variance at its level; with all of it, at its level or more.
+
+    An interval of the mean, which is for the mean of many datasets, would miss such a number often.
+    """
+    rng = np.random.default_rng(4)
+    datasets, learners = math.sqrt(share), math.sqrt(1 - share)
+    known = runs_on(datasets, learners, rng, (SAMPLES, 10))
+    new = datasets * rng.normal(size=SAMPLES) + learners * rng.normal(size=(SAMPLES, 3)).mean(1)
+    exact, widest = (np.array([prediction_interval(x, share=s) for x in known]) for s in (share, 1.0))
+    covered = [((low <= new) & (new <= high)).mean() for low, high in (exact.T, widest.T, t_interval(known))]
+    assert covered[0] == pytest.approx(LEVEL, abs=0.015)
+    assert covered[1] >= covered[0] and (share == 1 or covered[1] > 0.97)
+    assert covered[2] < 0.80
+
+
+def test_the_prediction_interval_in_closed_form() -> None:
+    values = np.array([1.0, 2.0, 3.0])
+    low, high = prediction_interval(values)
+    assert (low + high) / 2 == pytest.approx(2.0) and high - 2 == pytest.approx(
+        4.303 * (4 / 3) ** 0.5, abs=1e-3
+    )
+    assert prediction_interval(values, share=0.0)[1] - 2 == pytest.approx(
+        4.303 * (2 / 3) ** 0.5, abs=1e-3
+    )  # three further runs that share nothing: 1/3 + 1/3
 
 
 def test_interval_of_a_share_in_closed_form() -> None:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,9 @@ TOY = [
     Choice("a", (Level("0", {}, ""), Level("1", {"k": 10}, ""))),
     Choice("b", (Level("0", {}, ""), Level("1", {}, ""), Level("2", {}, ""))),
 ]
-CLAIM = Claim("above", "m is at least 1.", "", "m", "at_least", 0.0, "", "open", {"alpha": ["0"]}, value=1.0)
+WORDS = {"statement": "m is at least 1.", "place": "", "layer": "a", "known": "", "reason": ""}
+ONE: dict[str, Any] = WORDS | {"date": date(2026, 11, 25), "measure": "m", "where": {"alpha": ["0"]}}
+CLAIM = Claim("above", kind="at_least", value=1.0, **ONE)
 MET = pd.DataFrame({"condition": ["stable"], "met": [True]})
 BROKEN = pd.DataFrame({"condition": ["stable", "origin"], "met": [True, False]})
 
@@ -122,7 +125,7 @@ def test_outcomes_name_why_a_claim_cannot_be_evaluated() -> None:
 
 @pytest.mark.parametrize(("value", "held"), [(0.76, True), (0.85, True), (0.74, False), (0.9, False)])
 def test_the_value_of_a_rate_keeps_its_side(value: float, held: bool) -> None:
-    claim = Claim("c", "", "", "m", "near", 0.05, "", "open", {"alpha": ["0"], "delta": [1.1]}, value=0.8)
+    claim = Claim("c", kind="near", tolerance=0.05, value=0.8, for_each="delta", only=(1.1,), **ONE)
     row = outcomes([claim], {"x": measured(value)}, {"x": MET}, claims.GRID).iloc[0]
     assert row["value"] == pytest.approx(value) and row["holds"] == held
     assert row["margin"] == pytest.approx(0.05 - abs(value - 0.8))
@@ -170,8 +173,8 @@ def test_values_that_differ_by_rounding_alone_have_the_same_rank() -> None:
 
 
 def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
-    """From 0.1 below to 0.1 above 80.8 %: the distance from it, and so the margin, stays as it was."""
-    near = next(c for c in claims.load_claims() if c.id == "success-mnd")
+    """From 0.1 below to 0.1 above the log odds: the distance from it, and so the margin, stays as it was."""
+    near = next(c for c in claims.load_claims() if c.id == "rate-mnd")
     rows, rng = design(TOY, 60), np.random.default_rng(3)
     values = {
         n: near.value + (0.1 if row["a"] == "1" else -0.1) + 0.01 * rng.normal() for n, row in rows.iterrows()
@@ -182,18 +185,17 @@ def test_a_choice_that_carries_a_rate_over_the_papers_number_is_found() -> None:
 
 
 def test_universes_are_sorted_by_their_distance_from_the_papers_rates() -> None:
-    tested = [c for c in claims.load_claims() if c.id.startswith("success-") and c.kind == "near"]
-    paper = {"0": 0.808, "0.5": 0.910, "1": 0.997}
+    tested = [c for c in claims.load_claims() if c.id in claims.RATES]
 
     def rates(shift: float) -> pd.DataFrame:
-        return pd.concat([measured(v - shift, "success_rate", a) for a, v in paper.items()])
+        return pd.concat([measured(c.value - shift, c.measure, c.where["alpha"][0]) for c in tested])
 
     rows = design(TOY, 0)
-    tables = {"default": rates(0.1), "a__1": rates(0.01), "b__1": rates(0.04)}
+    tables = {"default": rates(0.4), "a__1": rates(0.03), "b__1": rates(0.1)}
     table = papers_rates(outcomes(tested, tables, dict.fromkeys(tables, MET), claims.GRID), rows)
     assert table["id"].tolist() == ["a__1", "b__1", "default"]
-    assert table["margin"].tolist() == pytest.approx([0.04, 0.01, -0.05])
-    assert table.loc[0, "success-mnd"] == pytest.approx(0.798)
+    assert table["margin"].tolist() == pytest.approx([0.3, 0.23, -0.07])
+    assert table.loc[0, "rate-mnd"] == pytest.approx(1.407)
 
 
 def test_claims_over_the_studies_grid_need_no_other_mismatch() -> None:
