@@ -22,7 +22,7 @@ from replication.evidence.claims import MEASURE_COLUMNS, judge_claims, load_clai
 from replication.evidence.measures import SATISFYING, first_link_shares, log_odds, measure_rows, read_measures
 from replication.evidence.statistics import final_performance
 from replication.plots.multiverse import curve_table
-from replication.studies import hypotheses, multiverse, theorem
+from replication.studies import multiverse, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
@@ -263,16 +263,6 @@ def varied(folder: Path) -> Iterator[Found]:
             yield Found(f"spec_curve_{claim.id}", curve_table(claim, own, universes))
 
 
-def compared(folder: Path) -> Iterator[Found]:
-    """From the runs under each hypothesis and its scores: means, wins and ranks."""
-    measures = _read(folder, "hypotheses_learning", *RUN, "hypothesis")
-    scores = _read(folder, "hypotheses_classification", "states")
-    summary = hypotheses.summarise(measures)
-    yield Found("hypotheses_summary", summary.reset_index(), 4, exactly=False)
-    yield Found("hypotheses_better", hypotheses.better(measures).reset_index())
-    yield Found("hypotheses_ranks", hypotheses.ranks(scores, summary.reset_index()), 4, exactly=False)
-
-
 # By the tables that each starts from; it is asked where they are.
 FOLLOWS = {
     judged: ("measures", "claims"),
@@ -281,7 +271,6 @@ FOLLOWS = {
     proved: ("theorem_terms", "theorem_terms_free", "theorem_divergence"),
     explored: ("discrepancy", "measures"),
     varied: ("outcomes",),
-    compared: ("hypotheses_learning", "hypotheses_classification"),
 }
 
 
