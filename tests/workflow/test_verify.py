@@ -199,7 +199,9 @@ def test_every_set_has_its_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     one = caution[f"{universe}__alpha_0.5__delta_4__seed_2"]
     assert one.varied == {"narrowed": {"ALPHAS": ["0.5"], "DELTAS": [4.0], "SEEDS": [2]}}
     assert one.targets == [f"results/caution/universes/{universe}/measures.csv"]
-    numbers = {name: len(verify.cells_of(planned(f"--{name}"))) for name in ("calibrated", "crossed", "shift")}
+    numbers = {
+        name: len(verify.cells_of(planned(f"--{name}"))) for name in ("calibrated", "crossed", "shift")
+    }
     assert len(caution) == 186 and numbers == {"calibrated": 90, "crossed": 48, "shift": 50}
 
 
