@@ -115,7 +115,7 @@ def _of_gathered(config: Plan, name: str, alpha: str, delta: float, seed: int) -
     folder = f"results/{config['cells']}/universes/{name}"
 
     def found(place: Path) -> Iterator[Found]:
-        measures, _ = designs.gather([place / folder])
+        measures, _ = designs.gather({name: place / folder})
         told = [column for column in designs.tells(name) if column in measures]
         yield Found("measures", measures, None, group=(*told, "measure", *RUN))
 

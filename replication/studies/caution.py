@@ -28,6 +28,7 @@ from srlrepro.dynamics.pendulum import Floats
 from srlrepro.samplers import generate
 from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import check
 
 SHARES = ("0", "0.25", "0.5", "0.75", "1")  # α: those of the paper, and between
 RECALLS = (0.5, 0.8)
@@ -105,6 +106,9 @@ def learners(measures: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         `CELL`, p_t, caution, log_violations (half a violation is added) and the measures `BESIDE`.
+
+    Raises:
+        ParameterError: the curves lack a hypothesis that learners had.
     """
     index = [*CELL, "p_t"]
     runs = measures[measures["delta"].notna() & (measures["alpha"] != NONE)]
@@ -112,7 +116,8 @@ def learners(measures: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
     table = runs.pivot_table(index=index, columns="measure", values="value")
     table = table.reindex(columns=[*BESIDE, "failures", "falls"]).reset_index()
     table["log_violations"] = np.log(table["failures"] + table["falls"] + LEAST)  # of equally many steps
-    table = table.merge(curves[[*index, "caution"]], on=index)
+    table = table.merge(curves[[*index, "caution"]], how="left", on=index)
+    check(bool(table["caution"].notna().all()), "curves", "of other hypotheses", "of every trained one")
     return table[[*index, "caution", "log_violations", *BESIDE]].sort_values(index, ignore_index=True)
 
 

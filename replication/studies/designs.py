@@ -10,7 +10,7 @@ Where datasets and learners are not crossed, a dataset has the learner of its ow
 says what tells it from the others, `tells` reads it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import pandas as pd
 
 from replication.evidence.measures import read_measures
+from replication.evidence.results import RECORD, TrainedRun, read_run
 from replication.studies import multiverse
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import NONE
@@ -110,27 +111,43 @@ def tells(name: str) -> dict[str, str]:
     return {key: value for key, _, value in parts}
 
 
-def gather(folders: list[Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The measures and the conditions of universes, a folder each, as two tables; `tells` gives more columns.
+def gather(folders: Mapping[str, Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The measures and the conditions of universes as two tables; `tells` gives more columns.
+
+    Args:
+        folders: of the universes, by their ids.
 
     Raises:
         ResultError: a table is missing or damaged.
     """
     measures, met = [], []
-    for folder in folders:
-        told = tells(folder.name)
-        own = read_measures(folder / "measures.csv")
+    names = ("alpha", "condition", "value", "met")
+    for name, folder in folders.items():
+        told, own = tells(name), read_measures(folder / "measures.csv")
+        met.append(read_table(folder / "conditions.csv", names, text=("alpha",)).assign(**told))
         if "delta" in told:  # of one mismatch: so are its data and its region
             own["delta"] = own["delta"].fillna(float(told.pop("delta")))
         measures.append(own.assign(**told))
-        names = ("alpha", "condition", "value", "met")
-        met.append(read_table(folder / "conditions.csv", names, text=("alpha",)).assign(**tells(folder.name)))
-    return pd.concat(measures, ignore_index=True), pd.concat(met, ignore_index=True)
+    tables = [pd.concat(tables, ignore_index=True) for tables in (measures, met)]
+    for table, column in product(tables, ("dataset", "threshold")):
+        if column in table:
+            table[column] = pd.to_numeric(table[column])
+    return tables[0], tables[1]
 
 
 def write_gathered(folders: list[Path], out: Path) -> int:
     """Write the tables of `gather` to a folder, and return how many rows of measures there are."""
-    measures, met = gather(folders)
+    measures, met = gather({folder.name: folder for folder in folders})
     write_table(out / "measures.csv", measures)
     write_table(out / "conditions.csv", met)
     return len(measures)
+
+
+def free_runs(folders: Mapping[str, Path]) -> dict[tuple[float, int], TrainedRun]:
+    """The runs without a supervisor in universes, by Δ and dataset; folders: as of `gather`."""
+    found = {}
+    for name, folder in folders.items():
+        for record in sorted((folder / "runs").glob(f"alpha_{NONE}__*/{RECORD}")):
+            run = read_run(record)
+            found[run.condition.delta, int(tells(name)["dataset"])] = run
+    return found

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import ttest_ind
+from scipy.stats import t
 
 from replication.evidence.measures import classification, labelled
-from replication.evidence.results import DATA, REGION, TrainedRun, read_run
+from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.evidence.statistics import LEVEL
-from replication.studies.designs import AS_WRITTEN, VARIANTS
+from replication.studies.designs import AS_WRITTEN, VARIANTS, free_runs, tells
 from replication.studies.divergence import DOMAIN_CLASSIFIERS, domain_classifier
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.pendulum import Floats
@@ -32,6 +32,14 @@ SHOWN = {  # measures, and what a figure calls them
     "violations_per_1000_steps": "violations\nper 1000 steps",
     "policy_alone_share": "final policy alone,\nshare of a perfect return",
 }
+LEARNED = (  # measures of the learner beside them
+    "success_log_odds",
+    "success_rate",
+    "violations_per_1000_steps",
+    "policy_alone_share",
+    "final_return",
+    "activated_share",
+)
 RUN = ["variant", "delta", "dataset"]
 
 
@@ -77,31 +85,29 @@ def distance(visited: Floats, x: Floats) -> float:
     return domain_classifier(DOMAIN_CLASSIFIERS[DOMAIN], chosen, x, folds).value
 
 
-def measure_universes(
-    folders: Mapping[str, tuple[str, int]], place: Path, free: Mapping[int, Path]
-) -> pd.DataFrame:
-    """`measure_shift` of every supervised run: `RUN`, measure, value.
+def measure_universes(folders: Mapping[str, Path], measures: pd.DataFrame) -> pd.DataFrame:
+    """`measure_shift` of every supervised run of universes, and what came of it: `RUN`, measure, value.
 
     Args:
-        folders: variant and dataset of a universe, by its id.
-        place: folder of the universes. free: that of the universe with the free learner, by dataset.
+        folders: of the universes, by their ids. measures: theirs, gathered; those that are `LEARNED` are
+        kept.
 
     Raises:
         ResultError: a product is missing or damaged.
     """
-    rows = []
-    for name, (variant, dataset) in folders.items():
-        for record in sorted((place / name / "runs").glob("*/run.json")):
+    rows, free = [], free_runs(folders)
+    for name, folder in folders.items():
+        variant, dataset = tells(name)["variant"], int(tells(name)["dataset"])
+        learned = folder / f"alpha_{VARIANTS[variant][0]}"
+        for record in sorted((folder / "runs").glob(f"{learned.name}__*/{RECORD}")):
             run = read_run(record)
-            of = run.condition
-            if of.alpha is None:
-                continue
-            learned = place / name / f"alpha_{of.alpha_text}"
             data, region = TrainingData.load(learned / DATA), SafeRegion.load(learned / REGION)
-            other = read_run(free[dataset] / "runs" / f"alpha_none__delta_{of.delta:g}__seed_{of.seed}")
-            found = measure_shift(data, region, run, other)
-            rows += [(variant, of.delta, dataset, measure, value) for measure, value in found.items()]
-    return pd.DataFrame(rows, columns=[*RUN, "measure", "value"])
+            found = measure_shift(data, region, run, free[run.condition.delta, dataset])
+            rows += [(variant, run.condition.delta, dataset, *pair) for pair in found.items()]
+    alphas = measures["variant"].map({variant: alpha for variant, (alpha, _) in VARIANTS.items()})
+    kept = measures[(measures["alpha"] == alphas) & measures["measure"].isin(LEARNED)]
+    columns = [*RUN, "measure", "value"]
+    return pd.concat([pd.DataFrame(rows, columns=columns), kept[columns]], ignore_index=True)
 
 
 def contrasts(table: pd.DataFrame) -> pd.DataFrame:
@@ -128,13 +134,19 @@ def contrasts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def welch(a: Floats, b: Floats) -> tuple[float, float]:
-    """95 % interval of the difference of two means; that number itself where neither sample varies."""
+    """95 % interval of the difference of the means of two samples, NaN where one has fewer than two values.
+
+    Where no sample varies, both ends are the difference itself.
+    """
     if min(len(a), len(b)) < 2:
         return float("nan"), float("nan")
-    if np.ptp(a) == np.ptp(b) == 0:
-        return float(a[0] - b[0]), float(a[0] - b[0])
-    found = ttest_ind(a, b, equal_var=False).confidence_interval(LEVEL)
-    return float(found.low), float(found.high)
+    errors = np.array([np.var(v, ddof=1) / len(v) for v in (a, b)])
+    middle, total = float(np.mean(a) - np.mean(b)), float(errors.sum())
+    if total == 0:
+        return middle, middle
+    freedom = total**2 / (np.square(errors) / [len(a) - 1, len(b) - 1]).sum()  # Satterthwaite
+    half = float(t.ppf((1 + LEVEL) / 2, freedom)) * total**0.5
+    return middle - half, middle + half
 
 
 def sentences(found: pd.DataFrame) -> list[str]:

@@ -106,12 +106,14 @@ def test_gathered_tables_say_of_which_universe_a_row_is(tmp_path: Path) -> None:
     """What a universe of one mismatch measures before any training is of that mismatch."""
     names = ["variant_as-written__dataset_3", "variant_refitted__dataset_3__delta_1.1"]
     folders = [a_universe(tmp_path / name, i) for i, name in enumerate(names)]
-    measures, met = gather(folders)
+    by_name = {folder.name: folder for folder in folders}
+    measures, met = gather(by_name)
     assert list(measures) == [*MEASURE_COLUMNS, "variant", "dataset"] and len(measures) == 4
+    assert measures["dataset"].tolist() == [3] * 4
     assert measures["variant"].tolist() == ["as-written"] * 2 + ["refitted"] * 2
     assert measures["value"].tolist() == [0.5, 0, 0.5, 1]
     assert measures["delta"].isna().tolist() == [True, False, False, False]
     assert met["delta"].isna().tolist() == [True, False] and met["met"].all()
     (folders[1] / "conditions.csv").unlink()
     with pytest.raises(ResultError, match="missing"):
-        gather(folders)
+        gather(by_name)

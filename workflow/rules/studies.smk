@@ -13,6 +13,9 @@ else:
 
     ruleorder: claims > gathered
 
+FOLDERS = {name: name for name in UNIVERSES}  # as the notebooks take them
+MORE_SHARES = REGIONS if config["few"] else ["0", "0.25", "0.5", "0.75", "1"]  # α on stored states, in caution
+
 
 def all_universes(table):
     return expand(f"{RESULTS}/universes/{{universe}}/{table}.csv", universe=UNIVERSES)
@@ -76,22 +79,46 @@ rule calibrated:  # its measures are judged beside those of the grid
         values=config["values"],
 
 
-rule crossed:
-    input:
-        rules.gathered.output,
-    params:
-        values=config["values"],
-
-
 rule caution:
     input:
+        notebook("15_caution"),
         rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/15_caution.ipynb",
+        figures=expand(f"{FIGURES}/caution_{{figure}}.pdf", figure=["roc", "frontier", "outcomes", "effects"]),
+        recall=f"{FIGURES}/caution_recall.csv",
+    priority: LONG
     params:
         values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, SHARES=MORE_SHARES, NOTE=config["note"]),
+    shell:
+        execute("15_caution")
+
+
+rule crossed:
+    input:
+        notebook("17_crossed"),
+        rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/17_crossed.ipynb",
+        figure=f"{FIGURES}/crossed_components.pdf",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
+    shell:
+        execute("17_crossed")
 
 
 rule shift:
     input:
+        notebook("18_shift"),
         rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/18_shift.ipynb",
+        figure=f"{FIGURES}/shift.pdf",
+        contrasts=f"{FIGURES}/shift_contrasts.csv",
     params:
         values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
+    shell:
+        execute("18_shift")
