@@ -48,6 +48,14 @@ def claims(arguments: argparse.Namespace) -> None:
     print("\n\n".join(table.to_string(index=False) for table in tables))
 
 
+def gather(arguments: argparse.Namespace) -> None:
+    """Write the measures and the conditions of universes as one table each."""
+    from replication.studies.designs import write_gathered
+
+    rows = write_gathered(arguments.universes, arguments.out)
+    print(f"{rows} measures of {len(arguments.universes)} universes")
+
+
 def provenance(arguments: argparse.Namespace) -> None:
     """Print what made a figure."""
     from replication.plots.provenance import lines, read_made_by
@@ -114,6 +122,9 @@ def make_parser() -> argparse.ArgumentParser:
     sub.add_argument("--out", type=path, required=True, help="table to write (.csv)")
     sub = command("claims", claims, "Evaluate the tests of the paper's claims on tables of measures.")
     sub.add_argument("measures", type=path, nargs="+", metavar="MEASURES", help="tables, or folders of them")
+    sub = command("gather", gather, "Write the tables of universes as one: measures, and conditions.")
+    sub.add_argument("universes", type=path, nargs="+", metavar="UNIVERSE", help="folder of a universe")
+    sub.add_argument("--out", type=path, required=True, help="folder to write")
     sub = command("provenance", provenance, "Print what made a figure.")
     sub.add_argument("figure", type=path, metavar="FIGURE", help=".png, .pdf or .gif")
     sub = command("beside", beside, "Lay two variations side by side: a figure, and the final measures.")

@@ -22,10 +22,11 @@ from replication.evidence.claims import MEASURE_COLUMNS, judge_claims, load_clai
 from replication.evidence.measures import SATISFYING, first_link_shares, log_odds, measure_rows, read_measures
 from replication.evidence.statistics import final_performance
 from replication.plots.multiverse import curve_table
-from replication.studies import hypotheses, multiverse, theorem
+from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
+from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import ResultError, existing, read_json, read_table
 
@@ -264,14 +265,29 @@ def varied(folder: Path) -> Iterator[Found]:
             yield Found(f"spec_curve_{claim.id}", curve_table(claim, own, universes))
 
 
-def compared(folder: Path) -> Iterator[Found]:
-    """From the runs under each hypothesis and its scores: means, wins and ranks."""
-    measures = _read(folder, "hypotheses_learning", *RUN, "hypothesis")
-    scores = _read(folder, "hypotheses_classification", "states")
-    summary = hypotheses.summarise(measures)
-    yield Found("hypotheses_summary", summary.reset_index(), 4, exactly=False)
-    yield Found("hypotheses_better", hypotheses.better(measures).reset_index())
-    yield Found("hypotheses_ranks", hypotheses.ranks(scores, summary.reset_index()), 4, exactly=False)
+def _gathered(folder: Path) -> pd.DataFrame:
+    return _read(folder, "measures", "measure", *RUN, "value", "dataset")
+
+
+def parted(folder: Path) -> Iterator[Found]:
+    """From the measures of crossed runs: the components of their variance."""
+    measures = _gathered(folder)
+    chosen = measures["delta"].notna() & (measures["alpha"] != NONE)
+    yield Found("crossed_components", crossed.component_table(measures[chosen]), exactly=False)
+
+
+def cautious(folder: Path) -> Iterator[Found]:
+    """From measures and curves: learners by caution, and the effects at equal caution."""
+    runs = caution.learners(_gathered(folder), _read(folder, "caution_roc", *caution.CELL, "p_t"))
+    for name in ("caution_frontier", "caution_outcomes"):
+        yield Found(name, runs, exactly=False)
+    yield Found("caution_effects", caution.effects(runs), exactly=False)
+
+
+def moved(folder: Path) -> Iterator[Found]:
+    """From what was measured of every variant of the data: contrasts."""
+    table = _read(folder, "shift", *shift.RUN, "measure", "value")
+    yield Found("shift_contrasts", shift.contrasts(table), exactly=False)
 
 
 # By the tables that each starts from; it is asked where they are.
@@ -282,7 +298,9 @@ FOLLOWS = {
     proved: ("theorem_terms", "theorem_terms_free", "theorem_divergence"),
     explored: ("discrepancy", "measures"),
     varied: ("outcomes",),
-    compared: ("hypotheses_learning", "hypotheses_classification"),
+    parted: ("measures", "crossed_components"),
+    cautious: ("measures", "caution_roc"),
+    moved: ("shift",),
 }
 
 

@@ -96,15 +96,15 @@ def test_no_committed_table_contradicts_another(folder: Path) -> None:
 
 def test_a_changed_table_contradicts_others_even_if_the_digests_are_renewed(tmp_path: Path) -> None:
     ignored = shutil.ignore_patterns("*.pdf", "*.png")
-    folder = shutil.copytree(ROOT / "figures" / "hypotheses", tmp_path / "hypotheses", ignore=ignored)
-    file = folder / "hypotheses_learning.csv"
-    text = file.read_text()
-    file.write_text(text.replace("none,1.1,0,6", "none,1.1,0,7", 1))
+    folder = shutil.copytree(ROOT / "figures" / "full", tmp_path / "full", ignore=ignored)
+    file = folder / "discrepancy.csv"
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join([*lines[:-1], lines[-1].replace(",0.", ",9.")]))
     assert changed(folder) == [file.name]
     write_digests(folder)
     assert changed(folder) == []
     found = [d for table in found_in(folder) if (d := disagreement(folder, table))]
-    assert [Path(d.file).stem for d in found] == ["hypotheses_summary"]
+    assert [Path(d.file).stem for d in found] == ["discrepancy_outcomes", "discrepancy_ranks"]
 
 
 def test_two_sets_say_the_same_of_their_runs(tmp_path: Path) -> None:

@@ -184,7 +184,8 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.study:
         alone = (alphas, deltas, settings, seeds) == (ALPHAS, DELTAS, {}, SEEDS)
         check(alone, f"--{arguments.study}", "another grid", "without one: it has its own")
-        _, deltas, seeds, longest = STUDIES[arguments.study]
+        _, deltas, seeds, own = STUDIES[arguments.study]
+        longest = longest if own is None else own
     usual = config.choices.quick_steps if arguments.quick else longest
     steps = usual if arguments.steps is None else arguments.steps
     check_whole("--steps", steps, 1)

@@ -26,10 +26,9 @@ from replication.evidence.claims import GRID, load_claims
 from replication.evidence.measures import read_measures
 from replication.evidence.results import read_curves, read_run_measures, read_runs
 from replication.plots.multiverse import curve_table
-from replication.studies import hypotheses, multiverse
+from replication.studies import designs, multiverse
 from replication.tables import RUN, Difference, Found, disagreement, found_in, shared
 from srlrepro.pins import ARITHMETIC
-from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole, one_line
 from srlrepro.storage.files import ResultError, read_json, read_table, write_json
@@ -44,6 +43,7 @@ NOT_COPIED = ("__pycache__", "executed")
 MADE = ("results", "figures", "notebooks/executed", ".snakemake")  # by a cell, in the copy
 LARGEST_SEED = 2**32  # of a draw
 TAIL = 12  # last lines of a log that are shown
+CELLS = ("ALPHAS", "DELTAS", "SEEDS")  # of a universe
 LEARNED = ("02_training_data", "03_embedding", "04_safe_region")  # of the data and regions of a seed
 
 Plan = Mapping[str, Any]  # the workflow's configuration, as of `plan`
@@ -110,33 +110,27 @@ def _of_universe(config: Plan, name: str) -> Cell:
     return Cell([f"{folder}/measures.csv"], found, {})
 
 
-def _of_learner(config: Plan, hypothesis: str, alpha: str, delta: float, seed: int) -> Cell:
-    """A run under a hypothesis; alpha: as in the table of learners."""
-    kind = config["values"]["hypothesis"] if alpha == NONE else hypothesis
-    file = f"results/{config['cells']}/universes/{kind}/measures.csv"
+def _of_gathered(config: Plan, name: str, alpha: str, delta: float, seed: int) -> Cell:
+    """A run of a universe whose tables are gathered; the universe has no other then."""
+    folder = f"results/{config['cells']}/universes/{name}"
 
     def found(place: Path) -> Iterator[Found]:
-        table = hypotheses.learned_under({kind: read_measures(place / file)}, config["alphas"])
-        shown = table[table["measure"].isin(hypotheses.SHOWN)]
-        yield Found("hypotheses_learning", shown, group=("hypothesis", *RUN))
+        measures, _ = designs.gather({name: place / folder})
+        told = [column for column in designs.tells(name) if column in measures]
+        yield Found("measures", measures, None, group=(*told, "measure", *RUN))
 
-    alphas = [multiverse.NO_DATA if alpha == hypotheses.ANY else alpha]
-    return Cell([file], found, {"alphas": alphas, "deltas": [delta], "seeds": [seed]})
+    narrowed = {"ALPHAS": [alpha], "DELTAS": [delta], "SEEDS": [seed]}
+    return Cell([f"{folder}/measures.csv"], found, {"narrowed": narrowed})
 
 
 def cells_of(config: Plan) -> dict[str, Cell]:
     """{name: cell} of a set: all that can be made without most of the set."""
-    if config["study"] == "multiverse":
-        names = multiverse.jobs("multiverse", config["alphas"], config["seeds"], config["few"])
-        return {name: _of_universe(config, name) for name in names}
     if config["study"]:
-        file = ROOT / "figures" / config["name"] / "hypotheses_learning.csv"
-        table = read_table(file, RUN, text=("alpha",))[["hypothesis", *RUN]].drop_duplicates()
-        found = {}
-        for kind, alpha, delta, seed in table.itertuples(index=False):
-            name = f"{kind.replace(' ', '-')}__{_condition(alpha, delta, seed)}"
-            found[name] = _of_learner(config, kind, alpha, float(delta), int(seed))
-        return found
+        jobs = designs.universes(*(config[key] for key in ("study", "alphas", "deltas", "seeds", "few")))
+        if config["study"] == "multiverse":
+            return {name: _of_universe(config, name) for name in jobs}
+        runs = ((n, c) for n, job in jobs.items() for c in itertools.product(*(job[key] for key in CELLS)))
+        return {f"{name}__{_condition(*cell)}": _of_gathered(config, name, *cell) for name, cell in runs}
     found = {"01_pendulum": _of_stages(config, "01_pendulum")}
     if (look := config["look"]) == config["name"]:
         targets = [f"figures/{look}/choices_stability.csv"]

@@ -26,9 +26,6 @@ from scipy.stats.qmc import LatinHypercube
 
 from replication.evidence.claims import NUMBERS, RATES, Claim, Grid, contrasts_of, margins, points
 from replication.evidence.statistics import share_interval
-from replication.studies.alternatives import ORACLES
-from srlrepro.settings.choices import Choices
-from srlrepro.settings.condition import NONE
 
 Tables = Mapping[str, pd.DataFrame]  # by the id of the universe
 DESIGN_SEED = 0
@@ -38,8 +35,6 @@ TIES = 9  # decimals of a value: those that are equal but for the order of a sum
 LEVEL = 0.05  # of q, the p of a main effect corrected for the number of choices
 VIOLATED = "set-up condition violated: "
 FEW = 6  # universes of a quick multiverse, at most
-HYPOTHESES = tuple(Choices.__dataclass_fields__["hypothesis"].metadata["allowed"].split("|"))
-NO_DATA = "1"  # stands for α where a hypothesis knows the system and learns from no data
 
 
 @dataclass(frozen=True)
@@ -92,28 +87,18 @@ def settings(choices: Iterable[Choice], universe: Mapping[Any, str]) -> dict[str
     return {name: value for values in taken for name, value in values.items()}
 
 
-def jobs(study: str, alphas: list[str], seeds: list[int], few: bool) -> dict[str, dict[str, Any]]:
-    """{id of a universe: the parameters of its notebook that differ between universes}.
+def jobs(alphas: list[str], few: bool) -> dict[str, dict[str, Any]]:
+    """{id of a universe: the parameters of its notebook that differ between universes}, as of `design`.
 
     Args:
-        study: "multiverse": one universe for every row of its `design`, each with seeds of its own;
-            "hypotheses": one for each of `HYPOTHESES`, the paper's with the free learner, which has none.
         alphas: conditions of the grid, as texts.
-        seeds: of the learner.
-        few: only some universes of a multiverse, spread over its design.
+        few: only some universes, spread over the design.
     """
-    found = {}
-    if study == "hypotheses":
-        supervised = [alpha for alpha in alphas if alpha != NONE]
-        conditions = {Choices.hypothesis: alphas} | {name: [NO_DATA] for name in ORACLES}
-        for name in HYPOTHESES:
-            own = {"ALPHAS": conditions.get(name, supervised), "SETTINGS": {"hypothesis": name}}
-            found[name] = {"ID": name} | own | {"DATA_SEED": 0, "SEEDS": seeds}
-        return found
     choices = load_choices()
     universes = design(choices)
     if few:
         universes = universes.iloc[:: -(-len(universes) // FEW)]
+    found = {}
     for name, levels in universes.iterrows():
         values = settings(choices, levels.to_dict())
         drawn = {"DATA_SEED": values.pop("data_seed", 0), "SEEDS": [values.pop("seed", 0)]}

@@ -1,10 +1,12 @@
 """One universe: the whole replication, from training data to measures, under one set of values.
 
 Where a condition that the paper states as its set-up is violated, nothing is trained: no claim of the paper
-is about it. If it is a condition on the data or the region of one α, the others are trained. The conditions
-and the measures of all regions are kept.
+is about it. If it is a condition on the data or the region of one α, the others are trained. The conditions,
+the measures of all regions, and data and regions themselves are kept.
 """
 
+import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,16 +14,20 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.measures import Learned, Row, measure_run
-from replication.evidence.results import RECORD, TrainedRun, read_run
+from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.studies.alternatives import ORACLES, learn_hypothesis
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.training import Run, identify, train
-from srlrepro.region.hypothesis import Hypothesis
-from srlrepro.samplers import generate
+from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.samplers import MultivariateNormal, TrainingData, generate, sample_mnd, sample_uniform, split
 from srlrepro.settings.condition import parse_alpha
 from srlrepro.settings.config import Config
-from srlrepro.storage.files import read_json
+from srlrepro.settings.fields import check
+from srlrepro.storage.files import beside, read_json
 from srlrepro.storage.provenance import code_hash
+
+REFIT_STREAM = 2  # of the random numbers of a dataset's seed; `measure_regions` takes the first
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,8 @@ class Universe:
     seeds: tuple[int, ...]  # of the learner
     data_seed: int  # of the training data and of t-SNE
     steps: int  # training steps of a cell
+    finished: tuple[Path, ...] = ()  # folders of other results that may hold the same runs
+    refit_steps: int = 0  # of the learner whose states the MND is fitted to anew; 0: it stays
 
     @property
     def runs(self) -> list[Run]:
@@ -41,15 +49,56 @@ class Universe:
         alphas = sorted(map(parse_alpha, self.alphas), key=lambda alpha: alpha is not None)
         return [Run(a, d, s, self.steps) for a in alphas for d in self.deltas for s in self.seeds]
 
-    def learn_hypotheses(self) -> Learned:
-        """The training data and the hypothesis of every α, as it is on the nominal system."""
+    def learn_hypotheses(self, folder: Path) -> Learned:
+        """The training data and the hypothesis of every α, as it is on the nominal system; see `refit`.
+
+        folder: of the universe, for what a refit trains.
+        """
         learned = {}
         for alpha in self.alphas:
             share = parse_alpha(alpha)
             if share is not None:
                 data = generate(share, self.config, self.data_seed)
-                learned[alpha] = data, learn_hypothesis(data, self.config, self.data_seed)
+                found = data, learn_hypothesis(data, self.config, self.data_seed)
+                learned[alpha] = refit(self, share, *found, folder) if self.refit_steps else found
         return learned
+
+
+def refit(
+    universe: Universe, share: float, data: TrainingData, region: CompiledHypothesis, folder: Path
+) -> tuple[TrainingData, CompiledHypothesis]:
+    """Data and hypothesis anew, where the MND is fitted to what an early learner visits on the real system.
+
+    That learner is supervised by the region, for ``refit_steps``. Labels stay those of the nominal system.
+    What cannot be trained under, as it denies the origin, is returned as it was. The new data, and what is
+    learned from them, do not say what they were made of: no seed and no values alone make them.
+
+    Args:
+        share: α. folder: of the universe; the products go to ``folder/first``.
+
+    Raises:
+        ParameterError: the universe has several mismatches or learners.
+    """
+    alone = len(universe.deltas) == len(universe.seeds) == 1
+    check(alone, "refit_steps", universe.refit_steps, "0, for several mismatches or learners")
+    config, seed = universe.config, universe.data_seed
+    if region.predict(np.zeros_like(data.x[:1]))[0] == 0:
+        return data, region
+    run = Run(share, universe.deltas[0], universe.seeds[0], universe.refit_steps)
+    mnd = MultivariateNormal.fit(trained(run, config, region, folder / "first").visited())
+    (n_ud, n_mnd), rng = split(share, config.paper.k), np.random.default_rng([seed, REFIT_STREAM])
+    ud = sample_uniform(n_ud, config.paper.state_max, rng)
+    x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, rng)])
+    anew = TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd)
+    return anew, learn_hypothesis(anew, config, seed)
+
+
+def keep(learned: Learned, folder: Path) -> None:
+    """Write data and regions to ``folder/alpha_α/``; other hypotheses are learned anew from their data."""
+    for alpha, (data, region) in learned.items():
+        data.save(folder / f"alpha_{alpha}" / DATA)
+        if isinstance(region, SafeRegion):
+            region.save(folder / f"alpha_{alpha}" / REGION)
 
 
 def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
@@ -71,7 +120,8 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
         accepted = gamma > universe.config.paper.p_t
         rows.append((alpha, f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
         rows.append((alpha, f"the region of α = {alpha} accepts the origin", gamma, accepted))
-    for data, _ in list(learned.values())[:1]:  # the MND is the same for every α
+    drawn = [] if universe.refit_steps else list(learned.values())
+    for data, _ in drawn[:1]:  # the MND of the random policy is the same for every α
         covariance = float(data.mnd.covariance[0, universe.config.paper.links])
         rows.append(("", "θ1 and θ̇1 correlate positively in the MND", covariance, covariance > 0))
     return pd.DataFrame(rows, columns=["alpha", "condition", "value", "met"])
@@ -88,8 +138,8 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
     """Train every cell, and return the rows of its measures (`measure_run`).
 
     Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A
-    cell that the same code has finished with the same values is not trained again. Common errors are on the
-    states of the free run, if that is of this universe.
+    cell that the same code has finished with the same values, here or among ``finished``, is not trained
+    again. Common errors are on the states of the free run, if that is of this universe.
     """
     rows: list[Row] = []
     free: dict[tuple[float, int], TrainedRun] = {}  # by Δ and seed
@@ -97,15 +147,38 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
         region = learned[run.alpha_text][1] if run.alpha_text in learned else None
         if region is not None and universe.config.choices.hypothesis in ORACLES:
             region = learn_hypothesis(None, universe.config, delta=run.delta)
-        products = folder / "runs" / run.name
-        if not _is_finished(products, run, universe.config, region):
-            (products / RECORD).unlink(missing_ok=True)  # of other values: `train` would refuse
-            train(run, universe.config, region, products, folder / "checkpoints" / f"{run.name}.zip")
-        trained, cell = read_run(products), (run.delta, run.seed)
-        rows += measure_run(trained, region, None if region is None else free.get(cell))
+        found = trained(run, universe.config, region, folder, universe.finished)
+        cell = run.delta, run.seed
+        rows += measure_run(found, region, None if region is None else free.get(cell))
         if region is None:
-            free[cell] = trained
+            free[cell] = found
     return rows
+
+
+def trained(
+    run: Run,
+    config: Config,
+    region: CompiledHypothesis | None,
+    folder: Path,
+    finished: Iterable[Path] = (),
+) -> TrainedRun:
+    """The run in a folder, see `train_cells`: as it is there, copied from elsewhere, or trained."""
+    products = folder / "runs" / run.name
+    if not _is_finished(products, run, config, region):
+        (products / RECORD).unlink(missing_ok=True)  # of other values: `train` would refuse
+        same = (place / run.name for place in finished)
+        if place := next((p for p in same if _is_finished(p, run, config, region)), None):
+            _copy(place, products)
+        else:
+            train(run, config, region, products, folder / "checkpoints" / f"{run.name}.zip")
+    return read_run(products)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy the products of a run; the record, which says that all are there, comes last."""
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns(RECORD), dirs_exist_ok=True)
+    with beside(target / RECORD) as temporary:
+        shutil.copy(source / RECORD, temporary)
 
 
 def _is_finished(folder: Path, run: Run, config: Config, region: Hypothesis | None) -> bool:

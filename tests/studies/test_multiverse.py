@@ -104,12 +104,12 @@ def test_settings_are_those_of_the_levels() -> None:
 
 
 def test_jobs_are_the_design_with_seeds_of_their_own() -> None:
-    found = jobs("multiverse", ["0", "none"], [0], few=False)
+    found = jobs(["0", "none"], few=False)
     assert list(found) == list(design(CHOICES).index)
     assert found["learner__2"]["SEEDS"] == [2] and found["dataset__1"]["DATA_SEED"] == 1
     assert found["early-stop__truncate"]["SETTINGS"] == {"early_stop": "truncate"}
     assert all(SEEDS.isdisjoint(job["SETTINGS"]) and job["ALPHAS"] == ["0", "none"] for job in found.values())
-    few = jobs("multiverse", ["0"], [0], few=True)
+    few = jobs(["0"], few=True)
     assert 3 < len(few) <= FEW and next(iter(few)) == "default" and set(few) < set(found)
 
 
@@ -208,11 +208,3 @@ def test_claims_over_the_studies_grid_need_no_other_mismatch() -> None:
     ends = claims.GRID | {"delta": STUDIES["multiverse"].deltas}
     assert claims.points(claims.contrasts_of(claim, table, grid=ends)) is True
     assert claims.points(claims.contrasts_of(claim, table)) is None
-
-
-def test_hypotheses_are_universes_and_the_free_learner_stands_beside_the_papers() -> None:
-    found = jobs("hypotheses", ["0", "1", "none"], [0, 1], few=False)
-    assert [job["SETTINGS"] for job in found.values()] == [{"hypothesis": name} for name in found]
-    assert found["tsne"]["ALPHAS"] == ["0", "1", "none"] and found["mlp"]["ALPHAS"] == ["0", "1"]
-    assert found["real"]["ALPHAS"] == found["nominal"]["ALPHAS"] == ["1"]
-    assert all(job["SEEDS"] == [0, 1] for job in found.values())

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,21 +16,27 @@ from replication.studies.universe import (
     Learned,
     Universe,
     conditions,
+    keep,
     possible,
     train_cells,
 )
 from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.samplers import TrainingData
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import ParameterError
+from srlrepro.storage.files import ResultError
 
 SMALL = Config().with_values(
     k=100, random_rollouts=200, n_steps=64, n_minibatches=4, n_epochs=1, hidden_width=8, visited_states=64
 )
 UNIVERSE = Universe(SMALL, ("0", "none"), (1.1, 4.0), (0,), 0, 512)
+NOWHERE = Path("nowhere")  # nothing is written without a refit
 
 
 @pytest.fixture(scope="module")
 def learned() -> Learned:
-    return UNIVERSE.learn_hypotheses()
+    return UNIVERSE.learn_hypotheses(NOWHERE)
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +115,26 @@ def test_common_errors_are_of_the_free_run_with_the_same_mismatch(
         assert found["common_false_positives", "0", run.delta] == scores["false_positives"]
 
 
+def test_runs_that_are_finished_elsewhere_are_copied(
+    trained: tuple[Path, pd.DataFrame], learned: Learned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of another universe with the same values; of other steps, none fits, and all are trained."""
+    elsewhere, before = trained
+    again: list[str] = []
+    monkeypatch.setattr(module, "train", lambda run, *rest: again.append(run.name))
+    same = replace(UNIVERSE, finished=(NOWHERE, elsewhere / "runs"))
+    assert table(train_cells(same, learned, tmp_path)).equals(before) and again == []
+    for run in UNIVERSE.runs:
+        names = sorted(path.name for path in (elsewhere / "runs" / run.name).iterdir())
+        copies = [tmp_path / "runs" / run.name / name for name in names]
+        assert [copy.read_bytes() for copy in copies] == [
+            (elsewhere / "runs" / run.name / name).read_bytes() for name in names
+        ]
+    with pytest.raises(ResultError, match="missing"):  # nothing was trained in truth
+        train_cells(replace(same, steps=1024), learned, tmp_path / "longer")
+    assert again == [UNIVERSE.runs[0].name]
+
+
 def test_finished_cells_are_read_and_others_trained(
     trained: tuple[Path, pd.DataFrame], learned: Learned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,5 +164,31 @@ def test_an_oracle_knows_the_system_of_its_cell(tmp_path: Path) -> None:
     """The ideal supervisor stops where K fails on the real system, so that no activation succeeds."""
     config = SMALL.with_values(hypothesis="real", n_steps=256, log_std_init=1.0)
     ideal = Universe(config, ("1",), (4.0,), (0,), 0, 512)
-    found = table(train_cells(ideal, ideal.learn_hypotheses(), tmp_path)).set_index("measure")["value"]
+    found = table(train_cells(ideal, ideal.learn_hypotheses(NOWHERE), tmp_path)).set_index("measure")["value"]
     assert found["activations"] > 0 and found["success_rate"] == 0 and found["generalization_error"] == 0
+
+
+def test_a_refitted_normal_distribution_is_that_of_what_the_learner_visits(tmp_path: Path) -> None:
+    """Its mean and covariance are those of the visited states; data and regions are kept, and found again."""
+    one = replace(UNIVERSE, alphas=("0",), deltas=(4.0,), refit_steps=256)
+    found = one.learn_hypotheses(tmp_path)
+    data, region = found["0"]
+    visited = read_run(tmp_path / "first" / "runs" / "alpha_0__delta_4__seed_0").visited()
+    assert data.mnd.mean == pytest.approx(visited.mean(axis=0))
+    assert data.mnd.covariance == pytest.approx(np.cov(visited.T))
+    assert data.n_ud == 0 and len(data.x) == SMALL.paper.k and data.made_of is None
+    assert (data.z == ClosedLoop.from_config(SMALL).predict(data.x)).all()
+    keep(found, tmp_path)
+    assert TrainingData.load(tmp_path / "alpha_0" / "training_data.npz").x.tolist() == data.x.tolist()
+    assert SafeRegion.load(tmp_path / "alpha_0" / "region.npz").digest() == region.digest()
+    again = one.learn_hypotheses(tmp_path)["0"][1]
+    assert again.digest() == region.digest() != UNIVERSE.learn_hypotheses(NOWHERE)["0"][1].digest()
+    assert not any("correlate" in name for name in conditions(one, found)["condition"])
+
+
+def test_a_refit_is_of_one_mismatch_and_under_a_region_that_can_guard(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="refit_steps = 256"):
+        replace(UNIVERSE, refit_steps=256).learn_hypotheses(tmp_path)
+    denying = replace(UNIVERSE, config=SMALL.with_values(p_t=0.999), deltas=(4.0,), refit_steps=256)
+    found = denying.learn_hypotheses(tmp_path)
+    assert not conditions(denying, found)["met"].all() and not list(tmp_path.iterdir())

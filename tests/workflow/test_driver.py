@@ -21,7 +21,7 @@ OF_FORM = [
     (["--qui"], "unrecognized arguments: --qui"),
     (["--seeds", "two"], "invalid int value"),
     (["--limit", "long"], "invalid float value"),
-    (["--quick", "--multiverse", "--hypotheses"], "not allowed with argument"),
+    (["--quick", "--multiverse", "--caution"], "not allowed with argument"),
 ]
 
 

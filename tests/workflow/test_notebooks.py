@@ -37,10 +37,12 @@ NAMES = [
     "12_theorem",
     "13_universe",
     "14_multiverse",
-    "15_hypotheses",
+    "15_caution",
     "16_discrepancy",
+    "17_crossed",
+    "18_shift",
 ]
-APART = ["13_universe", "14_multiverse", "15_hypotheses"]  # of the studies beside the grid
+APART = ["13_universe", "14_multiverse", "15_caution", "17_crossed", "18_shift"]  # of the studies
 
 
 def nbval(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:

@@ -121,15 +121,17 @@ def test_a_study_has_its_own_grid_and_name() -> None:
     study = planned("--multiverse")
     assert (study["name"], study["study"], study["deltas"]) == ("multiverse", "multiverse", [1.1, 4.0])
     assert study["steps"] == STUDIES["multiverse"].steps and "reduced" in str(study["note"])
-    quick = planned("--hypotheses", "--quick")
-    assert (quick["name"], quick["few"], quick["steps"]) == ("hypotheses_quick", True, Choices.quick_steps)
+    quick = planned("--caution", "--quick")
+    assert (quick["name"], quick["few"], quick["steps"]) == ("caution_quick", True, Choices.quick_steps)
+    full = planned("--crossed")
+    assert (full["seeds"], full["steps"], full["note"]) == ([0, 1, 2, 3], Choices.total_steps, "")
     assert planned("--multiverse", "--steps", "64")["name"] == "multiverse__steps_64"
     assert planned()["study"] == "" and planned("--quick")["few"] is False
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--multiverse", "--seeds", "5"], ["--hypotheses", "--set", "k=500"], ["--name", "multiverse"]],
+    [["--multiverse", "--seeds", "5"], ["--shift", "--set", "k=500"], ["--name", "multiverse"]],
 )
 def test_a_study_is_not_mixed_with_other_results(arguments: list[str]) -> None:
     with pytest.raises(ParameterError, match=r"must be|without one"):

@@ -189,19 +189,20 @@ def test_a_set_that_cannot_be_made_again_is_left_out(
 
 
 def test_every_set_has_its_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run, a dataset, and two notebooks for the grid; 95 universes; the runs in the table of learners."""
+    """A run, a dataset, and two notebooks for the grid; 95 universes; every run of the other studies."""
     assert [f"tiny/{name}" for name in verify.cells_of(planned(*TINY))] == CELLS
     seeds = verify.cells_of(planned("--seeds", "10"))
     assert "09_choices" not in seeds and len(seeds) == 1 + 10 + 120
     assert len(verify.cells_of(planned("--multiverse"))) == 95
-    learners = verify.cells_of(planned("--hypotheses"))
-    table = pd.read_csv(ROOT / "figures" / "hypotheses" / "hypotheses_learning.csv", dtype=str)
-    assert len(learners) == len(table[["hypothesis", *RUN]].drop_duplicates())
-    oracle = learners["nominal__alpha_any__delta_1.1__seed_0"]
-    assert oracle.varied == {"alphas": ["1"], "deltas": [1.1], "seeds": [0]}
-    assert oracle.targets == ["results/hypotheses/universes/nominal/measures.csv"]
-    free = learners["no-supervisor__alpha_none__delta_4__seed_2"]
-    assert free.varied["alphas"] == ["none"] and "universes/tsne/" in free.targets[0]
+    caution = verify.cells_of(planned("--caution"))
+    universe = "hypothesis_svm__threshold_0.95__dataset_2"
+    one = caution[f"{universe}__alpha_0.5__delta_4__seed_2"]
+    assert one.varied == {"narrowed": {"ALPHAS": ["0.5"], "DELTAS": [4.0], "SEEDS": [2]}}
+    assert one.targets == [f"results/caution/universes/{universe}/measures.csv"]
+    numbers = {
+        name: len(verify.cells_of(planned(f"--{name}"))) for name in ("calibrated", "crossed", "shift")
+    }
+    assert len(caution) == 186 and numbers == {"calibrated": 90, "crossed": 48, "shift": 50}
 
 
 @pytest.mark.slow
@@ -272,10 +273,10 @@ def test_all_that_is_wrong_with_the_tables_is_said(
     what: str, copies: list[Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     top = verify.ROOT
-    monkeypatch.setattr(verify, "committed", lambda: {"hypotheses": {}})
-    folder = top / "figures" / "hypotheses"
+    monkeypatch.setattr(verify, "committed", lambda: {"full": {}})
+    folder = top / "figures" / "full"
     if what == "table":
-        table = folder / "hypotheses_summary.csv"
+        table = folder / "discrepancy_ranks.csv"
         lines = table.read_text().splitlines(keepends=True)
         table.write_text("".join([lines[0], lines[1].replace(",", ",9", 1), *lines[2:]]))
     elif what == "digests":
@@ -286,13 +287,13 @@ def test_all_that_is_wrong_with_the_tables_is_said(
     said = capsys.readouterr().out.splitlines()
     expected = {
         "table": [
-            "figures/hypotheses/sha256.txt says otherwise: hypotheses_summary.csv",
-            "figures/hypotheses/hypotheses_summary.csv, line 2, hypothesis: committed 9no",
+            "figures/full/sha256.txt says otherwise: discrepancy_ranks.csv",
+            "figures/full/discrepancy_ranks.csv, line 2, final_return: committed 9",
         ],
-        "digests": ["figures/hypotheses/sha256.txt says otherwise: hypotheses: ResultError: missing result"],
+        "digests": ["figures/full/sha256.txt says otherwise: full: ResultError: missing result"],
         "README": ["README.md, line "],
     }[what]
     wrong = said[-1 - len(expected) : -1]
     assert all(line.startswith(start) for line, start in zip(wrong, expected, strict=True))
     assert said[-1].startswith(f"{len(expected)} differences (")
-    assert said[0].startswith("figures/hypotheses, primary: hypotheses_classification, hypotheses_learning")
+    assert said[0].startswith("figures/full, primary: choices_stability")

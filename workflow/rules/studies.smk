@@ -1,11 +1,20 @@
-# The studies beside the grid: in each universe, data, regions and short runs. A universe is one job, which goes
-# on where it was killed; its runs and checkpoints are therefore no outputs of the rule.
+# The studies beside the grid: in each universe, data, regions and runs. A universe is one job, which goes on where
+# it was killed; its data, runs and checkpoints are therefore no outputs of the rule.
 
 UNIVERSES = {}
 if STUDY:
-    from replication.studies.multiverse import jobs
+    from replication.studies.designs import universes
 
-    UNIVERSES = jobs(STUDY, ALPHAS, SEEDS, config["few"])
+    UNIVERSES = universes(STUDY, ALPHAS, DELTAS, SEEDS, config["few"])
+
+    ruleorder: gathered > claims
+
+else:
+
+    ruleorder: claims > gathered
+
+FOLDERS = {name: name for name in UNIVERSES}  # as the notebooks take them
+MORE_SHARES = REGIONS if config["few"] else ["0", "0.25", "0.5", "0.75", "1"]  # α on stored states, in caution
 
 
 def all_universes(table):
@@ -19,13 +28,29 @@ rule universe:
         notebook=f"{EXECUTED}/universes/{{universe}}.ipynb",
         measures=f"{RESULTS}/universes/{{universe}}/measures.csv",
         conditions=f"{RESULTS}/universes/{{universe}}/conditions.csv",
+    priority: SECOND
     params:
         values=config["values"],
         steps=config["steps"],
         cells=lambda w: UNIVERSES[w.universe],
-        parameters=lambda w: parameters(**{"DELTAS": DELTAS, "STEPS": config["steps"]} | UNIVERSES[w.universe]),
+        parameters=lambda w: parameters(**{"DELTAS": DELTAS, "STEPS": config["steps"]} | UNIVERSES[w.universe] | config.get("narrowed", {})),
     shell:
         execute("13_universe")
+
+
+rule gathered:
+    input:
+        command("replication", "replication/studies/designs.py"),
+        all_universes("measures"),
+        all_universes("conditions"),
+    output:
+        measures=f"{FIGURES}/measures.csv",
+        conditions=f"{FIGURES}/conditions.csv",
+    params:
+        values=config["values"],
+        universes=[f"{RESULTS}/universes/{universe}" for universe in UNIVERSES],
+    shell:
+        f"{PYTHON} -m replication gather {{params.universes:q}} --out {shlex.quote(FIGURES)}"
 
 
 rule multiverse:
@@ -47,24 +72,53 @@ rule multiverse:
         execute("14_multiverse")
 
 
-rule hypotheses:
+rule calibrated:  # its measures are judged beside those of the grid
     input:
-        notebook("15_hypotheses"),
-        all_universes("measures"),
-        all_universes("conditions"),
-    output:
-        notebook=f"{EXECUTED}/15_hypotheses.ipynb",
-        figures=expand(f"{FIGURES}/hypotheses_{{figure}}.pdf", figure=["classification", "learning"]),
-        tables=expand(f"{FIGURES}/hypotheses_{{table}}.csv", table=["summary", "better", "ranks"]),
+        rules.gathered.output,
     params:
         values=config["values"],
-        parameters=parameters(
-            FIGURES=f"../{FIGURES}",
-            UNIVERSES={name: name for name in UNIVERSES},
-            ALPHAS=REGIONS,
-            DELTAS=DELTAS,
-            SEEDS=SEEDS,
-            NOTE=config["note"],
-        ),
+
+
+rule caution:
+    input:
+        notebook("15_caution"),
+        rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/15_caution.ipynb",
+        figures=expand(f"{FIGURES}/caution_{{figure}}.pdf", figure=["roc", "frontier", "outcomes", "effects"]),
+        recall=f"{FIGURES}/caution_recall.csv",
+    priority: LONG
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, SHARES=MORE_SHARES, NOTE=config["note"]),
     shell:
-        execute("15_hypotheses")
+        execute("15_caution")
+
+
+rule crossed:
+    input:
+        notebook("17_crossed"),
+        rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/17_crossed.ipynb",
+        figure=f"{FIGURES}/crossed_components.pdf",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
+    shell:
+        execute("17_crossed")
+
+
+rule shift:
+    input:
+        notebook("18_shift"),
+        rules.gathered.output,
+    output:
+        notebook=f"{EXECUTED}/18_shift.ipynb",
+        figure=f"{FIGURES}/shift.pdf",
+        contrasts=f"{FIGURES}/shift_contrasts.csv",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
+    shell:
+        execute("18_shift")

@@ -1,0 +1,163 @@
+r"""Theorem 1's advice: training data from a D_n that is nearer to the D of the learner. What comes of it?
+
+By eq. (11) the true error is bounded by the error on D_n, half a divergence of D_n from D, and the
+discrepancy of the systems. D_n is the designer's choice; α as the paper uses it moves it away from D. Here it
+moves towards D, in the `VARIANTS` of `designs`. All hypotheses are asked about the states of the same free
+learners, and about those that their own learner visited.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.stats import t
+
+from replication.evidence.measures import classification, labelled
+from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
+from replication.evidence.statistics import LEVEL
+from replication.studies.designs import AS_WRITTEN, VARIANTS, free_runs, tells
+from replication.studies.divergence import DOMAIN_CLASSIFIERS, domain_classifier
+from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.dynamics.pendulum import Floats
+from srlrepro.region.safe_region import SafeRegion
+from srlrepro.samplers import TrainingData, density_ratios
+
+DOMAIN = "boosted trees"  # the sharpest of the classifiers that tell D from D_n
+SHOWN = {  # measures, and what a figure calls them
+    "distance": "½ d of $\\mathcal{D}_n$ and $\\mathcal{D}$,\nown learner",
+    "free_error": "error on the\nfree learner's states",
+    "free_false_positives": "false positives on the\nfree learner's states",
+    "success_log_odds": "log odds that\nK succeeds",
+    "violations_per_1000_steps": "violations\nper 1000 steps",
+    "policy_alone_share": "final policy alone,\nshare of a perfect return",
+}
+LEARNED = (  # measures of the learner beside them
+    "success_log_odds",
+    "success_rate",
+    "violations_per_1000_steps",
+    "policy_alone_share",
+    "final_return",
+    "activated_share",
+)
+RUN = ["variant", "delta", "dataset"]
+
+
+def measure_shift(
+    data: TrainingData, region: SafeRegion, run: TrainedRun, free: TrainedRun
+) -> dict[str, float]:
+    """How far D_n is from D, and what that does to h.
+
+    Returns:
+        ``distance``, ``distance_free``: `distance` of the training states from those that the run, and the
+        free one, visited; ``free_error``, ``free_false_positives``: of h on the free learner's states, eqs.
+        (9) and (12); ``outside``: share of the visited states outside the ranges of App. C;
+        ``outside_activated``: the same of the states in which K took over, NaN if there are none;
+        ``effective_states``: (Σ w)² / Σ w² of the weights w of the evidence, the number of states where there
+        are none.
+    """
+    config, real = run.config, ClosedLoop.from_config(run.config, run.condition.delta)
+    x, high = run.visited(), np.array(run.config.paper.state_max)
+    common = classification(region, *labelled(free.visited(), real, free.steps))
+    taken = (region.predict(x) == 0) & (np.abs(x[:, 0]) < high[0])  # above the ground, as for `promise_gap`
+    outside = np.asarray((np.abs(x) > high).any(axis=1))
+    weights = np.ones(len(data.x))
+    if config.choices.gamma_weights != "none":
+        weights = density_ratios(data, config, data.x)
+    return {
+        "distance": distance(x, data.x),
+        "distance_free": distance(free.visited(), data.x),
+        "free_error": common["error"],
+        "free_false_positives": common["false_positives"],
+        "outside": float(outside.mean()),
+        "outside_activated": float(outside[taken].mean()) if taken.any() else float("nan"),
+        "effective_states": float(weights.sum() ** 2 / np.square(weights).sum()),
+    }
+
+
+def distance(visited: Floats, x: Floats) -> float:
+    """½ d between as many visited states as there are training states x [k, 2n], and these, by `DOMAIN`.
+
+    The first half of the visited states is one fold and the second the other, so that no trial is in both.
+    """
+    chosen = visited[np.linspace(0, len(visited) - 1, min(len(x), len(visited))).astype(int)]
+    folds = (np.arange(len(chosen)) * 2) // len(chosen)
+    return domain_classifier(DOMAIN_CLASSIFIERS[DOMAIN], chosen, x, folds).value
+
+
+def measure_universes(folders: Mapping[str, Path], measures: pd.DataFrame) -> pd.DataFrame:
+    """`measure_shift` of every supervised run of universes, and what came of it: `RUN`, measure, value.
+
+    Args:
+        folders: of the universes, by their ids. measures: theirs, gathered; those that are `LEARNED` are
+        kept.
+
+    Raises:
+        ResultError: a product is missing or damaged.
+    """
+    rows, free = [], free_runs(folders)
+    for name, folder in folders.items():
+        variant, dataset = tells(name)["variant"], int(tells(name)["dataset"])
+        learned = folder / f"alpha_{VARIANTS[variant][0]}"
+        for record in sorted((folder / "runs").glob(f"{learned.name}__*/{RECORD}")):
+            run = read_run(record)
+            data, region = TrainingData.load(learned / DATA), SafeRegion.load(learned / REGION)
+            found = measure_shift(data, region, run, free[run.condition.delta, dataset])
+            rows += [(variant, run.condition.delta, dataset, *pair) for pair in found.items()]
+    alphas = measures["variant"].map({variant: alpha for variant, (alpha, _) in VARIANTS.items()})
+    kept = measures[(measures["alpha"] == alphas) & measures["measure"].isin(LEARNED)]
+    columns = [*RUN, "measure", "value"]
+    return pd.concat([pd.DataFrame(rows, columns=columns), kept[columns]], ignore_index=True)
+
+
+def contrasts(table: pd.DataFrame) -> pd.DataFrame:
+    """Every variant against the data as written, by Welch's t-interval over datasets.
+
+    Args:
+        table: `RUN`, measure, value.
+
+    Returns:
+        measure, delta, variant, n, mean, written (the mean as written), difference, low, high: 95 %. These
+        two are NaN where one of the means is of fewer than two datasets.
+    """
+    rows = []
+    for (measure, delta), own in table.dropna(subset="value").groupby(["measure", "delta"], sort=False):
+        by = {str(variant): v.to_numpy() for variant, v in own.groupby("variant", sort=False)["value"]}
+        before = by.get(AS_WRITTEN, np.array([]))
+        for variant in [name for name in VARIANTS if name in by and name != AS_WRITTEN]:
+            after = by[variant]
+            low, high = welch(after, before)
+            means = after.mean(), before.mean() if len(before) else np.nan
+            rows.append((measure, delta, variant, len(after), *means, means[0] - means[1], low, high))
+    columns = ["measure", "delta", "variant", "n", "mean", "written", "difference", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def welch(a: Floats, b: Floats) -> tuple[float, float]:
+    """95 % interval of the difference of the means of two samples, NaN where one has fewer than two values.
+
+    Where no sample varies, both ends are the difference itself.
+    """
+    if min(len(a), len(b)) < 2:
+        return float("nan"), float("nan")
+    errors = np.array([np.var(v, ddof=1) / len(v) for v in (a, b)])
+    middle, total = float(np.mean(a) - np.mean(b)), float(errors.sum())
+    if total == 0:
+        return middle, middle
+    freedom = total**2 / (np.square(errors) / [len(a) - 1, len(b) - 1]).sum()  # Satterthwaite
+    half = float(t.ppf((1 + LEVEL) / 2, freedom)) * total**0.5
+    return middle - half, middle + half
+
+
+def sentences(found: pd.DataFrame) -> list[str]:
+    """What `contrasts` says of the measures in `SHOWN`, a sentence for each variant and Δ."""
+    said = []
+    chosen = found[found["measure"].isin(SHOWN)]
+    for (variant, delta), own in chosen.groupby(["variant", "delta"], sort=False):
+        parts = []
+        for row in own.to_dict("records"):
+            sign = "more" if row["low"] > 0 else "less" if row["high"] < 0 else "open"
+            interval = f"{row['difference']:+.3g} [{row['low']:.3g}, {row['high']:.3g}]"
+            parts.append(f"{str(row['measure']).replace('_', ' ')} {interval}, {sign}")
+        said.append(f"{variant} against {AS_WRITTEN}, Δ = {delta:g}: {'; '.join(parts)}.")
+    return said
