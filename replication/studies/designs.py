@@ -30,9 +30,10 @@ Jobs = dict[str, dict[str, Any]]  # by the id of a universe: parameters of its n
 # Held-out calibration chose these, before the paper's words for the evidence came first.
 CALIBRATED = {
     "gamma_evidence": "held out",
+    "psi": "neighbours",
     "psi_neighbours": 16,
     "gamma_bandwidth": 0.2,
-    "gamma_prior": 1.0,
+    "gamma_prior": 0.001,
 }
 THRESHOLDS = (0.5, 0.65, Paper.p_t, 0.9, 0.95)  # p_t: below and above the paper's, to a risk of 1 in 20
 HYPOTHESES = (Choices.hypothesis, "svm")  # of two dimensions, and of all
