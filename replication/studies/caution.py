@@ -20,7 +20,7 @@ import pandas as pd
 from sklearn.metrics import roc_curve
 
 from replication.evidence.measures import Labelled
-from replication.evidence.statistics import mean_interval
+from replication.evidence.statistics import contrast_interval
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.designs import HYPOTHESES, THRESHOLDS
 from srlrepro.dynamics.closed_loop import Labels
@@ -157,7 +157,7 @@ def effects(runs: pd.DataFrame) -> pd.DataFrame:
     for (delta, outcome, effect), values in table.groupby(["delta", "outcome", "effect"], sort=False)[
         "estimate"
     ]:
-        low, high = mean_interval(float(values.mean()), float(values.std()), len(values))
+        _, low, high = contrast_interval([values.to_numpy()], [1.0])
         state = "" if effect == SLOPE else judge(low, high, OUTCOMES[str(outcome)][1])
         found.append((delta, outcome, effect, len(values), float(values.mean()), low, high, state))
     columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
