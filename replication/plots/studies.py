@@ -81,7 +81,7 @@ def plot_roc(curves: pd.DataFrame) -> Figure:
 def plot_frontier(runs: pd.DataFrame) -> Figure:
     """Return of the policy alone against violations, by Δ and hypothesis; a line per α over p_t.
 
-    runs: as of `caution.learners`. A small mark is a learner, a large one the mean over datasets, with its p_t.
+    runs: as of `caution.learners`. A small mark is a learner, a large one the mean over datasets.
     """
     figure, axes = _by_kind(runs["delta"].unique())
     shown = runs.assign(count=np.exp(runs["log_violations"]))

@@ -1,12 +1,15 @@
 """The measurements behind the choices."""
 
 import numpy as np
+import pytest
 
 from replication.evidence.measures import classification
 from replication.studies.reasons import (
+    PRIORS,
     calibration,
     exploration,
     integration,
+    mappings,
     origin_safety,
     random_policies,
     recoveries,
@@ -45,15 +48,32 @@ def test_a_torque_held_longer_makes_less_of_the_mnd_safe() -> None:
 
 
 def test_calibration_reuses_embeddings_without_changing_a_score() -> None:
-    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_neighbours": 4}], 200, {}).set_index("variation")
-    data, varied = generate(1.0, CONFIG, 0), CONFIG.with_values(psi_neighbours=4)
+    table = calibration(CONFIG, [1.0], [0], [{}, {"psi_penalty": 0.1}], 200, {}).set_index("variation")
+    data, varied = generate(1.0, CONFIG, 0), CONFIG.with_values(psi_penalty=0.1)
     region = learn_region(data, varied, 0)
     x = np.random.default_rng([0, 2]).uniform(
         *(np.array(s) * CONFIG.paper.state_max for s in (-1, 1)), (200, 6)
     )
     brier = classification(region, x, ClosedLoop.from_config(CONFIG).predict(x))["brier"]
-    assert table.loc["psi_neighbours = 4", "α = 1"] == brier
+    assert table.loc["psi_penalty = 0.1", "α = 1"] == brier
     assert table.loc["default", "α = 1"] != brier
+
+
+def test_mappings_have_the_gamma_that_is_best_for_them() -> None:
+    """Two of them against regions whose cells are fine enough."""
+    config = CONFIG.with_values(gamma_cells=1024)
+    table = mappings(config, [1.0], [0], 300, {})
+    assert table["mean"].is_monotonic_increasing and table["Ψ"].is_unique
+    known = {"network of 32, penalty 0.1": {"psi_penalty": 0.1}}
+    known["8 neighbours"] = {"psi": "neighbours", "psi_neighbours": 8}
+    for name, values in known.items():
+        (best,) = table[table["Ψ"] == name].to_dict("records")
+        shape = {"gamma_bandwidth": best["bandwidth"], "gamma_prior": best["prior"]}
+        (found,) = calibration(config, [1.0], [0], [values | shape], 300, {})["mean"]
+        assert best["mean"] == pytest.approx(found, abs=1e-3)
+        others = [values | shape | {"gamma_prior": prior} for prior in PRIORS]
+        varied = calibration(config, [1.0], [0], others, 300, {})
+        assert found <= varied.loc[varied["h(origin)"] == 1, "mean"].min() + 1e-3
 
 
 def test_the_origin_is_asked_of_the_regions_and_what_is_embedded_is_taken_again() -> None:

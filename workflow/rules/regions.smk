@@ -92,6 +92,6 @@ rule choices:
     priority: LONG
     params:
         values=config["values"],
-        parameters=drawing(ALPHAS=NUMBERS, DELTAS=[1.0, *DELTAS], DATASETS=1, STATES=2000),
+        parameters=drawing(ALPHAS=NUMBERS, DELTAS=[1.0, *DELTAS], DATASETS=2 if config["note"] else 10, STATES=2000),
     shell:
         execute("09_choices")
