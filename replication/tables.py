@@ -21,6 +21,7 @@ from replication.digests import SET
 from replication.evidence.claims import MEASURE_COLUMNS, judge_claims, load_claims
 from replication.evidence.measures import SATISFYING, first_link_shares, log_odds, measure_rows, read_measures
 from replication.evidence.statistics import final_performance
+from replication.evidence.verdicts import AS_WRITTEN, by_budget, failure_rates, matrix
 from replication.plots.multiverse import curve_table
 from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
@@ -143,13 +144,19 @@ def is_new(folder: Path) -> bool:
 
 
 def judged(folder: Path) -> Iterator[Found]:
-    """From the measures: claims, contrasts, and the returns at the end over all cells."""
-    exactly = is_new(folder)
+    """From the measures: claims, contrasts, their signs, rates of failure, and returns over all cells."""
+    exactly, tests = is_new(folder), load_claims()
     measures = read_measures(folder / "measures.csv")
-    claims, contrasts = judge_claims(load_claims(), measures)
+    claims, contrasts = judge_claims(tests, measures)
     yield Found("claims", claims, None, exactly=exactly)
     yield Found("contrasts", contrasts, 4, exactly=exactly)
-    yield Found("verdict", contrasts, exactly=exactly)
+    yield Found("verdict", matrix(tests, contrasts), None, exactly=exactly)
+    rates = failure_rates(measures).assign(arm=AS_WRITTEN)
+    yield Found("failure_rate", rates, group=("arm", *RUN), exactly=exactly)
+    if (folder / "budgets.csv").exists():
+        budgets = _read(folder, "budgets", *MEASURE_COLUMNS, "step")
+        told = by_budget([claim for claim in tests if claim.layer == "a"], budgets)
+        yield Found("verdict_by_step", told, exactly=exactly)
     yield Found(
         "final_performance", final_performance(measures, perfect_return(Config())), 4, exactly=exactly
     )

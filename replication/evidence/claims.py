@@ -100,6 +100,7 @@ class Claim:
     measure: str
     kind: str
     reason: str
+    row: str = ""
     sharpens: str = ""
     paper: str = ""
     where: dict[str, list[Any]] = field(default_factory=dict)
@@ -115,6 +116,7 @@ class Claim:
     effect: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "row", self.row or self.statement)
         for name, allowed in (("kind", KINDS), ("layer", tuple(LAYERS))):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"claim {self.id}: unknown {name} {getattr(self, name)!r}")
