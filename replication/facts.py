@@ -8,11 +8,25 @@ from typing import Any
 
 import pandas as pd
 
-from replication.evidence.claims import MEASURE_COLUMNS, RATES, load_claims
-from replication.evidence.measures import TEST_STATES
-from replication.evidence.verdicts import LONG, THREE, is_there, resting, rows
+from replication.evidence.claims import LAYERS, MEASURE_COLUMNS, RATES, VERDICTS, load_claims
+from replication.evidence.measures import TEST_STATES, read_measures
+from replication.evidence.verdicts import (
+    AS_WRITTEN,
+    CALIBRATED,
+    CONTRASTS,
+    LONG,
+    POLICIES,
+    SELDOM,
+    SIGNS,
+    THREE,
+    failures,
+    is_there,
+    judged_arm,
+    matrix,
+    resting,
+    rows,
+)
 from replication.studies import multiverse
-from replication.studies.alternatives import ORACLES
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -24,27 +38,14 @@ from srlrepro.storage.files import LARGEST, read_json, read_table
 
 Row = dict[Any, Any]
 SECTIONS = {  # of the report: the measures whose claims stand there; those of all others are about safety
-    "data": ("near_origin_share", "safe_share", "corner_share", "new_state_purity", "accepted_share"),
+    "data": ("near_origin_share", "safe_share", "corner_share", "embedding_purity", "accepted_share"),
     "generalisation": ("common_error", "common_false_positives"),
-    "learning": ("policy_return_share", "policy_alone_share", "training_left"),
+    "learning": POLICIES,
 }
-HOLDS, FAILS, BOTH, OPEN = "✓", "✗", "±", "○"  # signs of a claim at one Δ
-FIRST_TESTS = 20  # of claims.toml: fixed before any full training
 DRAWS = ("dataset", "learner")  # the choices of the multiverse that are none (multiverse.toml)
 EXPLORER = "docs/explorer.html"
 NEAREST = 3  # universes shown of those that come nearest to the paper's rates
-HALVED = 0.5
-SELDOM = 0.25  # share of the random universes up to which a claim holds seldom; often is 1 less this
 BOUNDS = ("(15) for h, l", "(15) for h, l_n", "(11) minimum")  # what a class may break
-
-
-def sign(states: pd.Series) -> str:
-    """The sign of the contrasts of a claim at one Δ, by the rule of the verdicts."""
-    if (states == "supports").all():
-        return HOLDS
-    if (states == "contradicts").any():
-        return BOTH if (states == "supports").any() else FAILS
-    return OPEN
 
 
 def text_of(value: object) -> str:
@@ -121,46 +122,87 @@ class Facts:
 
     @cached_property
     def claims(self) -> dict[str, Row]:
-        """{id: row of `verdicts.rows`} of the claims, with ``section``, and ``three``, the first verdict."""
+        """{id: row of `verdicts.rows`} of the claims, with their ``section`` of the report."""
         places = {measure: section for section, measures in SECTIONS.items() for measure in measures}
-        sections = {claim.id: places.get(claim.measure, "safety") for claim in load_claims()}
-        told = {row["id"]: row for row in rows(self.figures)}
-        for name, row in told.items():
-            row |= {"section": sections[name], "three": row.get("verdict_of_three", row["verdict"])}
-            row["verdict"] = row["verdict"] if row["n"] else "not measured"
-        return told
+        return {
+            row["id"]: row | {"section": places.get(row["measure"], "safety")} for row in rows(self.figures)
+        }
 
     @property
-    def posed(self) -> list[Row]:
-        """The claims whose test can decide them."""
-        return [row for row in self.claims.values() if not row["ill_posed"]]
+    def layers(self) -> dict[str, str]:
+        """{layer: what its claims are}."""
+        return LAYERS
+
+    @property
+    def signs_of_verdicts(self) -> dict[str, str]:
+        """{verdict, or practically nothing: its sign}."""
+        return SIGNS
+
+    def layer(self, name: str) -> list[Row]:
+        """The claims of a layer; what is said of the paper counts those of layer a."""
+        return [row for row in self.claims.values() if row["layer"] == name]
 
     @property
     def seeds(self) -> int:
-        """Seeds per condition behind the verdicts."""
-        return max(int(row["n"]) for row in self.posed)
+        """Seeds, each with a dataset, per condition behind the verdicts."""
+        return max(int(row["n"]) for row in self.claims.values())
 
-    def count(self, verdict: str, column: str = "verdict") -> int:
-        """How many of the well-posed claims have a verdict."""
-        return sum(row[column] == verdict for row in self.posed)
+    def count(self, verdict: str, layer: str = "a", column: str = "verdict") -> int:
+        """How many claims of a layer have a verdict; column: ``verdict_of_three`` for three seeds alone."""
+        return sum(row[column] == verdict for row in self.layer(layer))
 
-    def late(self) -> int:
-        """How many of the well-posed tests were written when three seeds had been seen."""
-        first = {claim.id for claim in load_claims()[:FIRST_TESTS]}
-        return sum(row["id"] not in first for row in self.posed)
+    def counts(self, layer: str = "a", column: str = "verdict") -> str:
+        """How many claims of a layer have each verdict, in words; column: as of `count`."""
+        found = {verdict: self.count(verdict, layer, column) for verdict in VERDICTS}
+        return ", ".join(f"{n} {name}" for name, n in found.items() if n)
 
     def all(self, verdict: str, *claims: str) -> bool:
         """Whether all these claims have this verdict; a sentence that says so is else left out."""
         return all(self.claims[claim]["verdict"] == verdict for claim in claims)
 
     @cached_property
-    def by_delta(self) -> dict[str, dict[float, str]]:
-        """{id: {Δ: sign}} of the well-posed claims that are tested at each Δ by itself."""
-        contrasts = read_table(self.figures / self.grid / "contrasts.csv", ("id", "contrast", "state"))
-        contrasts["delta"] = contrasts["contrast"].str.extract(r"^Δ = ([^:]+): ")[0].astype(float)
-        signs = contrasts.dropna(subset="delta").groupby(["id", "delta"], sort=False)["state"].agg(sign)
-        told = set(signs.index.get_level_values("id"))
-        return {row["id"]: signs[row["id"]].to_dict() for row in self.posed if row["id"] in told}
+    def signs(self) -> list[Row]:
+        """The rows of `verdicts.matrix`: layer, row (in words), a sign for each Δ, and overall."""
+        contrasts = read_table(self.figures / self.grid / "contrasts.csv", CONTRASTS)
+        return matrix(load_claims(), contrasts).to_dict("records")
+
+    def sign(self, claim: str, column: str) -> str:
+        """The sign of a claim at a Δ, as a text, or overall."""
+        return next(str(row[column]) for row in self.signs if row["row"] == self.claims[claim]["row"])
+
+    @cached_property
+    def failures(self) -> dict[str, dict[str, dict[str, Row]]]:
+        """{arm: {Δ, as a text: {α: how often K fails, as of `verdicts.failures`}}}; arms that were run."""
+        arms = {AS_WRITTEN: self.grid} | ({CALIBRATED: CALIBRATED} if self.is_there(CALIBRATED) else {})
+        found: dict[str, dict[str, dict[str, Row]]] = {}
+        for arm, folder in arms.items():
+            table = failures(read_measures(self.figures / folder / "measures.csv"))
+            cells = found.setdefault(arm, {})
+            for row in table.to_dict("records"):
+                cells.setdefault(f"{row['delta']:g}", {})[str(row["alpha"])] = row
+        return found
+
+    def calibrated(self) -> Row:
+        """The claims of layer a in the arm with calibrated evidence: counts in words, and which differ."""
+        verdicts = judged_arm(self.figures, CALIBRATED)[0].set_index("id")["verdict"].to_dict()
+        asked = [row | {"other": verdicts[row["id"]]} for row in self.layer("a")]
+        asked = [row for row in asked if row["other"] != "not measured"]
+        counts = pd.Series([row["other"] for row in asked]).value_counts()
+        words = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if verdict in counts)
+        return {"counts": words, "differ": [row for row in asked if row["other"] != row["verdict"]]}
+
+    def by_step(self) -> Row:
+        """Of the paper's claims about what is learned: how many signs are the same from half the steps on.
+
+        ``of`` so many, ``half``: the step. Empty if the trainings were not judged by their steps.
+        """
+        place = self.figures / self.grid / "verdict_by_step.csv"
+        if not place.exists():
+            return {}
+        table = read_table(place, ("step", "row", "delta", "sign"), ("step",))
+        half = table.loc[table["step"] >= table["step"].max() / 2, "step"].min()
+        later = table[table["step"] >= half].groupby(["row", "delta"], dropna=False)["sign"].nunique()
+        return {"half": int(half), "of": len(later), "same": int((later == 1).sum())}
 
     @cached_property
     def pictures(self) -> dict[str, Row]:
@@ -285,23 +327,25 @@ class Facts:
         }
 
     def multiverse(self) -> Row:
-        """In what share of the universes claims hold, what moves them, and how near the paper's rates come.
+        """In what share of the universes claims of layer a hold, what moves them, how near the rates come.
 
-        Claims about learned policies are left out: the trainings of a universe are too short for them.
+        Claims about learned policies are left out: the trainings of a universe are too short for them; so are
+        those whose test the universes were not asked about, and rates of such tests.
         """
         folder = self.figures / "multiverse"
         names = ("claim", "design", "held", "universes", "violated", "unmeasured", "share", "low", "high")
         shares = read_table(folder / "shares.csv", names)
         shares["decided"] = shares["universes"] - shares["violated"] - shares["unmeasured"]
         drawn = shares[shares["design"] == multiverse.RANDOM].set_index("claim").to_dict("index")
-        tested = [row | drawn[row["id"]] for row in self.posed if row["section"] != "learning"]
-        tested = [row for row in tested if row["decided"]]
+        tested = [row | drawn[row["id"]] for row in self.layer("a") if row["id"] in drawn]
+        tested = [row for row in tested if row["section"] != "learning" and row["decided"]]
         effects = read_table(folder / "main_effects.csv", ("claim", "choice", "effect", "q"))
         moving = effects[(effects["q"] < multiverse.LEVEL) & effects["claim"].isin(self.claims)]
         moving = moving.sort_values("effect", ascending=False)
         flips = read_table(folder / "flips.csv", ("claim", "choice"))
         usual = {choice.id: choice.levels[0].level for choice in multiverse.load_choices()}
-        rates = read_table(folder / "papers_rates.csv", ("id", *RATES, "margin"), text=tuple(usual))
+        rates = read_table(folder / "papers_rates.csv", ("id", "margin"), text=tuple(usual))
+        rates = rates if set(RATES) <= set(rates) else rates[:0].reindex(columns=[*rates, *RATES])
         rates["differ"] = (rates[list(usual)] != pd.Series(usual)).sum(axis=1)
         sizes = shares.groupby("design")[["universes", "violated"]].max().sum()
         return {
@@ -317,25 +361,3 @@ class Facts:
             "rated": len(rates),
             "nearest": rates.head(NEAREST).to_dict("records"),
         } | sizes.to_dict()
-
-    def hypotheses(self) -> Row:
-        """Brier scores as multiples of the paper's region, and which hypotheses cannot guard."""
-        folder = self.figures / "hypotheses"
-        names = ("hypothesis", "alpha", "states", "delta", "brier")
-        scores = read_table(folder / "hypotheses_classification.csv", names, text=("alpha",))
-        summary = read_table(folder / "hypotheses_summary.csv", ("hypothesis", "alpha"), text=("alpha",))
-        cells = ["states", "delta", "alpha"]
-        brier = scores.pivot_table(index=cells, columns="hypothesis", values="brier", sort=False)
-        means = brier.groupby(level=["states", "delta"], sort=False).mean()
-        perceptron = (brier["mlp"] / brier[Choices.hypothesis]).dropna()
-        classified, trained = (t[["hypothesis", "alpha"]].drop_duplicates() for t in (scores, summary))
-        never = classified.merge(trained, how="left", indicator=True).query("_merge == 'left_only'")
-        return {
-            "ratio": means.div(means[Choices.hypothesis], axis=0).reset_index().to_dict("records"),
-            "columns": [name for name in means if name not in ORACLES],
-            "cells": len(perceptron),
-            "better": int((perceptron < 1).sum()),
-            "halved": int((perceptron <= HALVED).sum()),
-            "untrained": never.groupby("hypothesis", sort=False)["alpha"].agg(list).to_dict(),
-            "oracles": summary[summary["hypothesis"].isin(ORACLES)].to_dict("records"),
-        }

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from judged import measures, write_judged
 from learned import Learned
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -21,6 +22,7 @@ from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.safe_region import learn_region
 from srlrepro.samplers import generate
 from srlrepro.settings.config import Config
+from srlrepro.storage.files import write_table
 
 
 @pytest.fixture
@@ -90,13 +92,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture
 def larger(tmp_path: Path) -> Path:
-    """Figures with the kept tables of the grid, and ten seeds of it by which every claim is partly so."""
+    """Figures with the kept tables of the grid, and ten made-up seeds of it, by which the paper holds."""
+    table = measures()
     for name in ("full", "seeds_10"):
         (tmp_path / name).mkdir()
         for path in (FIGURES / "full").glob("*.[cj]s*"):
             shutil.copy(path, tmp_path / name)
-    claims = pd.read_csv(tmp_path / "full" / "claims.csv")
-    claims.assign(estimates="0.5 [0.4, 0.6]", n=10, verdict="partly").to_csv(
-        tmp_path / "seeds_10" / "claims.csv", index=False
-    )
+        write_judged(tmp_path / name, table)
+    write_table(tmp_path / "seeds_10" / "measures.csv", table)
     return tmp_path

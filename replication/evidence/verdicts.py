@@ -175,7 +175,7 @@ def rows(figures: Path) -> list[dict[str, Any]]:
     for claim in told:
         own = contrasts[contrasts["id"] == claim["id"]]
         counts = own["state"].value_counts().reindex(STATES, fill_value=0)
-        row: dict[str, Any] = {"states": " · ".join(str(counts[state]) for state in STATES[:4])}
+        row: dict[str, Any] = {"states": "/".join(str(counts[state]) for state in STATES[:4])}
         row |= {"contrasts": len(own), "open": counts["open"]}
         row |= {"under_determined": open_choices.get(claim["id"])}
         test = tests[claim["id"]]
