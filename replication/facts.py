@@ -345,7 +345,7 @@ class Facts:
         flips = read_table(folder / "flips.csv", ("claim", "choice"))
         usual = {choice.id: choice.levels[0].level for choice in multiverse.load_choices()}
         rates = read_table(folder / "papers_rates.csv", ("id", "margin"), text=tuple(usual))
-        rates = rates if set(RATES) <= set(rates) else rates[:0].reindex(columns=[*rates, *RATES])
+        rates = rates if set(RATES) <= set(rates) else rates[:0]
         rates["differ"] = (rates[list(usual)] != pd.Series(usual)).sum(axis=1)
         sizes = shares.groupby("design")[["universes", "violated"]].max().sum()
         return {

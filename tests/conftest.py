@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from judged import measures, write_judged
+from judged import JUDGED, measures, write_judged
 from learned import Learned
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -90,14 +90,23 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(pd.DataFrame(rows).to_string(index=False))
 
 
-@pytest.fixture
-def larger(tmp_path: Path) -> Path:
+@pytest.fixture(scope="session")
+def made_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Figures with the kept tables of the grid, and ten made-up seeds of it, by which the paper holds."""
-    table = measures()
+    folder, table = tmp_path_factory.mktemp("figures"), measures()
     for name in ("full", "seeds_10"):
-        (tmp_path / name).mkdir()
+        (folder / name).mkdir()
         for path in (FIGURES / "full").glob("*.[cj]s*"):
-            shutil.copy(path, tmp_path / name)
-        write_judged(tmp_path / name, table)
-    write_table(tmp_path / "seeds_10" / "measures.csv", table)
-    return tmp_path
+            shutil.copy(path, folder / name)
+    write_judged(folder / "full", table)
+    for name in JUDGED:
+        shutil.copy(folder / "full" / name, folder / "seeds_10")
+    write_table(folder / "seeds_10" / "measures.csv", table)
+    return folder
+
+
+@pytest.fixture
+def larger(made_up: Path, tmp_path: Path) -> Path:
+    """A copy of `made_up` for a test to change."""
+    shutil.copytree(made_up, tmp_path / "figures")
+    return tmp_path / "figures"

@@ -30,6 +30,7 @@ RUNS = {  # by α, the free learner last
     "promise_gap": (0.0, 0.0, 0.0),
 }
 BUDGETS = (500, 1000)  # steps
+JUDGED = ("claims.csv", "contrasts.csv", "verdict.csv", "verdict_by_step.csv")  # what `write_judged` writes
 
 
 def measures(turned: bool = False) -> pd.DataFrame:

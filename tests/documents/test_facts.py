@@ -8,33 +8,40 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from judged import SUCCESS, measures, write_judged
 from plans import planned
 
 from replication.documents import DOCS, FIGURES, ROOT
-from replication.evidence.claims import VERDICTS, load_claims
-from replication.evidence.verdicts import LONG
-from replication.facts import Facts, sign, text_of
+from replication.evidence.claims import LAYERS, RATES, VERDICTS, load_claims
+from replication.evidence.verdicts import LONG, OVERALL
+from replication.facts import Facts, text_of
 from replication.studies import multiverse
 from replication.studies.theorem import POOLED
-from srlrepro.storage.files import write_json
+from srlrepro.storage.files import write_json, write_table
 
 KEPT = Facts(ROOT, FIGURES)
-BRIER = {"tsne": 0.2, "mlp": 0.1, "pca": 0.3}  # of hypotheses, the same in every cell but one
-GROUPS = ("full", "seeds_10", "multiverse", "hypotheses")
+GROUPS = ("full", *LONG)
+EVIDENCE = "gamma-evidence"  # the choice that decides the made-up rates
 
 
-@pytest.fixture(scope="module")
-def universes(tmp_path_factory: pytest.TempPathFactory) -> Facts:
-    """Tables of a multiverse in which Γ's evidence alone decides the three rates; all else is chance."""
-    folder = tmp_path_factory.mktemp("figures") / "multiverse"
+def decides() -> pd.Series:
+    """Which universes have not the default of `EVIDENCE`."""
+    choices = multiverse.load_choices()
+    usual = next(choice.levels[0].level for choice in choices if choice.id == EVIDENCE)
+    return multiverse.design(choices)[EVIDENCE] != usual
+
+
+@pytest.fixture
+def universes(larger: Path) -> Facts:
+    """Tables of a multiverse in which `EVIDENCE` alone decides the three rates; all else is chance."""
+    folder = larger / "multiverse"
     folder.mkdir()
     universes, rng = multiverse.design(multiverse.load_choices()), np.random.default_rng(3)
-    embedded = (universes["gamma-evidence"] == "embedded").to_numpy()
     tables = []
     for claim in load_claims():
         margin = value = rng.normal(size=len(universes))
         if claim.id in multiverse.RATES:
-            below = np.where(embedded, 0.03, 0.09) + 1e-6 * margin
+            below = np.where(decides(), 0.1, 0.9) + 1e-6 * margin
             margin, value = claim.tolerance - below, claim.value - below
         table = pd.DataFrame({"id": universes.index, "claim": claim.id, "value": value, "margin": margin})
         tables.append(table.assign(holds=margin > 0, why=""))
@@ -42,53 +49,66 @@ def universes(tmp_path_factory: pytest.TempPathFactory) -> Facts:
     for name in ("shares", "flips", "main_effects", "papers_rates"):
         getattr(multiverse, name)(results, universes).to_csv(folder / f"{name}.csv", index=False)
     write_json(folder / "workflow.json", {"steps": 7})
-    for name in ("full", "seeds_10"):
-        (folder.parent / name).symlink_to(FIGURES / name)
-    return Facts(ROOT, folder.parent)
+    return Facts(ROOT, larger)
 
 
-@pytest.mark.parametrize(
-    ("states", "expected"),
-    [
-        ("supports supports", "✓"),
-        ("contradicts contradicts", "✗"),
-        ("contradicts unresolved", "✗"),
-        ("supports contradicts", "±"),
-        ("supports unresolved", "○"),
-        ("unresolved", "○"),
-    ],
-)
-def test_signs_follow_the_rule_of_the_verdicts(states: str, expected: str) -> None:
-    assert sign(pd.Series(states.split())) == expected
+def test_the_paper_is_counted_by_layer_a_alone(larger: Path) -> None:
+    facts = Facts(ROOT, larger)
+    assert set(facts.claims) == {claim.id for claim in load_claims()} and list(facts.layers) == list(LAYERS)
+    papers = [claim.id for claim in load_claims() if claim.layer == "a"]
+    assert [row["id"] for row in facts.layer("a")] == papers
+    assert facts.counts() == f"{len(papers)} reproduced" and facts.seeds == 10
+    path = larger / "seeds_10" / "claims.csv"
+    table = pd.read_csv(path)
+    table.loc[table["layer"] != "a", "verdict"] = "open"
+    table.loc[table["id"] == "rate-mnd", "verdict"] = "not reproduced"
+    table.to_csv(path, index=False)
+    facts = Facts(ROOT, larger)
+    assert facts.counts() == f"{len(papers) - 1} reproduced, 1 not reproduced"
+    assert facts.count("open") == 0 < facts.count("open", "b")
+    assert sum(facts.count(verdict) for verdict in VERDICTS) == len(papers)
+    assert facts.all("reproduced", "rate-mix", "rate-ud") and not facts.all("reproduced", *RATES)
 
 
-def test_claims_by_delta() -> None:
-    """Every well-posed claim that is tested for each Δ, and no other; each sign by its own contrasts."""
-    tested = {claim.id for claim in load_claims() if claim.for_each == "delta" and not claim.ill_posed}
-    assert set(KEPT.by_delta) == tested
-    assert all(list(signs) == [1.1, 1.5, 4.0] for signs in KEPT.by_delta.values())
-    contrasts = pd.read_csv(FIGURES / "seeds_10" / "contrasts.csv")
-    for name, signs in KEPT.by_delta.items():
-        verdict = KEPT.claims[name]["verdict"]
-        assert (set(signs.values()) == {"✓"}) == (verdict == "reproduced")
-        for delta, shown in signs.items():
-            own = contrasts[contrasts["id"] == name]
-            own = own[own["contrast"].str.startswith(f"Δ = {delta}: ")]
-            assert shown == sign(own["state"])
+def test_every_claim_has_a_section_of_the_report(larger: Path) -> None:
+    sections = pd.Series([row["section"] for row in Facts(ROOT, larger).layer("a")]).value_counts()
+    assert sections.to_dict() == {"safety": 9, "data": 6, "learning": 5, "generalisation": 2}
 
 
-def test_every_claim_stands_once() -> None:
-    tests = {claim.id: claim for claim in load_claims()}
-    assert set(KEPT.claims) == set(tests)
-    sections = pd.Series({row["id"]: row["section"] for row in KEPT.posed}).value_counts().to_dict()
-    assert sections == {"safety": 9, "learning": 6, "data": 5, "generalisation": 2}
-    assert sum(KEPT.count(v) for v in VERDICTS) == len(KEPT.posed)
-    assert KEPT.late() == sum(bool(test.joins) for test in tests.values()) + 1  # safer-with-alpha joins none
+def test_signs_stand_by_row_and_delta(larger: Path) -> None:
+    facts = Facts(ROOT, larger)
+    assert {row["row"] for row in facts.signs} == {claim.row for claim in load_claims()}
+    assert [facts.sign("success-grows-at-1-1", delta) for delta in ("1.1", "1.5", "4")] == ["✓"] * 3
+    assert facts.sign("rate-mnd", "4") == "" and facts.sign("success-falls-with-delta", OVERALL) == "✓"
+    write_judged(larger / "seeds_10", measures(turned=True))
+    assert Facts(ROOT, larger).sign("success-grows-at-1-1", "4") == "✗"
 
 
-def test_what_was_not_measured_is_not_called_inconclusive() -> None:
-    row = KEPT.claims["early-stop-is-what-helps"]
-    assert row["n"] == 0 and row["verdict"] == "not measured"
+def test_how_often_k_fails_in_each_arm(larger: Path) -> None:
+    for alpha, rate in zip(("0", "0.5", "1"), SUCCESS[4.0], strict=True):
+        assert Facts(ROOT, larger).failures["as written"]["4"][alpha]["mean"] == pytest.approx(1 - rate)
+    assert list(Facts(ROOT, larger).failures) == ["as written"]
+    (larger / "calibrated").mkdir()
+    write_table(larger / "calibrated" / "measures.csv", measures(turned=True))
+    facts = Facts(ROOT, larger)
+    assert facts.failures["calibrated"]["4"]["1"]["mean"] == pytest.approx(1 - SUCCESS[4.0][0])
+    other = facts.calibrated()
+    differ = {row["id"]: row["other"] for row in other["differ"]}
+    assert differ["rate-mnd"] == "not reproduced" and "separated-in-y" not in differ
+    assert set(differ.values()) == {"partly", "not reproduced"}
+    kept = sum(verdict == "partly" for verdict in differ.values())
+    assert other["counts"].startswith(f"{len(facts.layer('a')) - len(differ)} reproduced, {kept} partly, ")
+
+
+def test_verdicts_by_step_are_counted_from_half_the_steps_on(larger: Path) -> None:
+    """Of the made-up steps the first is half of the last; there α = 0 and 1 have changed places."""
+    found = Facts(ROOT, larger).by_step()
+    table = pd.read_csv(larger / "seeds_10" / "verdict_by_step.csv")
+    wide = table.pivot_table("sign", ["row", table["delta"].fillna(0)], "step", aggfunc="first")
+    assert found == {"half": 500, "of": len(wide), "same": int((wide[500] == wide[1000]).sum())}
+    assert 0 < found["same"] < found["of"]
+    (larger / "seeds_10" / "verdict_by_step.csv").unlink()
+    assert Facts(ROOT, larger).by_step() == {}
 
 
 def test_every_picture_has_a_caption_and_a_notebook_that_draws_it() -> None:
@@ -134,53 +154,36 @@ def test_every_parameter_stands_in_the_ledger() -> None:
 
 def test_what_the_multiverse_says(universes: Facts) -> None:
     found, design = universes.multiverse(), multiverse.design(multiverse.load_choices())
-    embedded = design["gamma-evidence"] == "embedded"
     assert found["universes"] == len(design) and found["violated"] == 0 and found["steps"] == 7
-    assert all(found["moved"][rate] == ["gamma-evidence"] for rate in multiverse.RATES)
-    assert found["hits"] == embedded.sum()
+    assert all(found["moved"][rate] == [EVIDENCE] for rate in RATES)
+    assert found["hits"] == decides().sum()
     nearest = found["nearest"][0]
     levels = {c.id: c.levels[0].level for c in multiverse.load_choices()}
     assert nearest["differ"] == sum(
         design.loc[nearest["id"], name] != level for name, level in levels.items()
     )
     told = [row for part in ("often", "between", "seldom") for row in found[part]]
-    assert len(told) == found["tested"] == sum(row["section"] != "learning" for row in universes.posed)
-    drawn = embedded[design["design"] == multiverse.RANDOM]
-    [mnd] = [row for row in told if row["id"] == "success-mnd"]
+    assert len(told) == found["tested"] == sum(row["section"] != "learning" for row in universes.layer("a"))
+    drawn = decides()[design["design"] == multiverse.RANDOM]
+    [mnd] = [row for row in told if row["id"] == "rate-mnd"]
     assert (mnd["held"], mnd["decided"]) == (drawn.sum(), len(drawn))
     for part, low, high in (("seldom", 0, 0.25), ("often", 0.75, 1)):
         assert all(low <= Fraction(int(row["held"]), int(row["decided"])) <= high for row in found[part])
+    between = {row["id"] for row in found["between"]}
+    marked = {row["id"] for row in universes.layer("a") if row["under_determined"] is not None}
+    assert marked == between != set()
 
 
-def test_what_hypotheses_are_worth(tmp_path: Path) -> None:
-    """Four cells, in three of which the perceptron halves the score; PCA for α = 1 was not trained."""
-    cells = [
-        {"hypothesis": kind, "alpha": alpha, "states": states, "delta": 1.0, "brier": brier}
-        for kind, brier in BRIER.items()
-        for alpha in ("0", "1")
-        for states in ("UD", "MND")
-    ]
-    scores = pd.DataFrame(cells)
-    other = (scores["hypothesis"] == "mlp") & (scores["alpha"] == "1") & (scores["states"] == "UD")
-    scores.loc[other, "brier"] = 0.15
-    (tmp_path / "hypotheses").mkdir()
-    scores.to_csv(tmp_path / "hypotheses" / "hypotheses_classification.csv", index=False)
-    trained = scores[(scores["hypothesis"] != "pca") | (scores["alpha"] != "1")].assign(success_rate=0.9)
-    trained.to_csv(tmp_path / "hypotheses" / "hypotheses_summary.csv", index=False)
-    found = Facts(ROOT, tmp_path).hypotheses()
-    assert (found["cells"], found["better"], found["halved"]) == (4, 4, 3)
-    assert found["untrained"] == {"pca": ["1"]}
-    ratios = {row["states"]: row for row in found["ratio"]}
-    assert ratios["UD"]["mlp"] == pytest.approx(0.625) and ratios["MND"]["mlp"] == pytest.approx(0.5)
-    assert ratios["MND"]["pca"] == pytest.approx(1.5)
-
-
-def test_what_is_said_of_hypotheses_in_words_is_what_the_tables_say() -> None:
-    """Sentences that no number fills in: the careful hypothesis protects; the exact labels come too late."""
-    ranks = KEPT.table("hypotheses", "hypotheses_ranks.csv")
-    assert max(row["success_rate"] for row in ranks if row["score"] == "recall") < -0.5
-    oracles = KEPT.hypotheses()["oracles"]
-    assert max(row["success_rate"] for row in oracles if row["hypothesis"] == "real") == 0
+def test_a_multiverse_that_was_asked_about_other_tests_tells_nothing_of_these(
+    universes: Facts, larger: Path
+) -> None:
+    before, shares = universes.multiverse(), pd.read_csv(larger / "multiverse" / "shares.csv")
+    shares[shares["claim"] != "rate-mnd"].to_csv(larger / "multiverse" / "shares.csv", index=False)
+    rates = pd.read_csv(larger / "multiverse" / "papers_rates.csv")
+    rates.drop(columns="rate-mnd").to_csv(larger / "multiverse" / "papers_rates.csv", index=False)
+    found = Facts(ROOT, larger).multiverse()
+    assert found["rated"] == found["hits"] == 0 < before["hits"]
+    assert found["tested"] == before["tested"] - 1
 
 
 def test_what_is_said_of_the_discrepancy_in_words_is_what_the_table_says() -> None:
