@@ -346,6 +346,7 @@ class Facts:
         usual = {choice.id: choice.levels[0].level for choice in multiverse.load_choices()}
         rates = read_table(folder / "papers_rates.csv", ("id", "margin"), text=tuple(usual))
         rates = rates if set(RATES) <= set(rates) else rates[:0]
+        usual = {choice: level for choice, level in usual.items() if choice in rates}  # those of this run
         rates["differ"] = (rates[list(usual)] != pd.Series(usual)).sum(axis=1)
         sizes = shares.groupby("design")[["universes", "violated"]].max().sum()
         return {
