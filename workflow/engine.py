@@ -198,7 +198,8 @@ def run_workflow(
         ResultError: a result was damaged.
     """
     name, folder = config["name"], ROOT / "results" / config["name"]
-    command = [sys.executable, "-m", "snakemake", config["study"] or "all"]
+    snakemake = "snakemake" if options.slurm else "workflow.scheduler"
+    command = [sys.executable, "-m", snakemake, config["study"] or "all"]
     command += [*engine(options.slurm, options.cores), "--keep-going", "--rerun-incomplete", "--nolock"]
     command += ["--scheduler", "greedy", "--configfile"]
     environment = environment | {LIMIT_VARIABLE: str(options.limit)}
