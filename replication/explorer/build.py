@@ -16,14 +16,15 @@ from replication.evidence.results import require_same
 from replication.explorer.equations import motion
 from replication.plots import style
 from replication.policies import Policy, Region, cards, read
+from replication.studies.designs import CALIBRATED
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.policy import TrainedPolicy
-from srlrepro.region.mapping import FAR
+from srlrepro.region.mapping import FAR, Network
 from srlrepro.region.safe_region import SafeRegion
-from srlrepro.region.safety_map import discretise
 from srlrepro.samplers import sample_uniform, visited_states
 from srlrepro.settings.condition import alpha_text
 from srlrepro.settings.config import Config
+from srlrepro.settings.fields import check
 from srlrepro.storage.files import ResultError, beside, read_table
 from srlrepro.storage.made_of import require_made_of
 
@@ -74,34 +75,33 @@ def physics(config: Config) -> dict[str, Any]:
     return {"system": system, "k": controller, "task": task, "rule": rule}
 
 
+def arms(region: SafeRegion) -> dict[str, SafeRegion]:
+    """The region as it was learned, and with the Ψ and Γ of the calibrated study on the same y_i."""
+    calibrated = SafeRegion(**region.get_params() | CALIBRATED)
+    states = region.arrays_.x_train.T * region.arrays_.scale
+    return {
+        "as written": region,
+        "calibrated": calibrated.fit_embedding(states, region.labels_, region.embedding_),
+    }
+
+
+def arm_data(region: SafeRegion) -> dict[str, Any]:
+    """Ψ and Γ of an arm, without what the arms of a region share; ``network``: None by neighbours."""
+    a = region.arrays_
+    named = zip(Network._fields, a.network, strict=True)
+    network = {name: pack(part) for name, part in named} if a.network.first.size else None
+    gamma = {"grid": pack(a.gamma), "origin": a.origin.tolist(), "cell": a.cell}
+    gamma |= {"empty": a.empty, "cells": len(a.gamma)}
+    told = {"neighbours": a.neighbours, "evidence": region.gamma_evidence}
+    return told | {"network": network, "gamma": gamma}
+
+
 def region_data(region: SafeRegion) -> dict[str, Any]:
-    """Ψ of a region, and its Γ with either evidence: as written, where t-SNE has put it, and held out."""
-    a, places = region.arrays_, region.embedding_
-    shape = (
-        region.gamma_bandwidth,
-        region.gamma_prior * len(region.labels_),
-        region.gamma_cells,
-        region.gamma_empty,
-    )
-    own = a.gamma, a.origin, a.cell, a.empty
-    grids = {region.gamma_evidence: own, "embedded": discretise(places, places, region.labels_, *shape)}
-    gamma = {
-        name: {
-            "grid": pack(grid),
-            "origin": origin.tolist(),
-            "cell": cell,
-            "empty": empty,
-            "cells": len(grid),
-        }
-        for name, (grid, origin, cell, empty) in grids.items()
-    }
-    mapping: dict[str, Any] = {
-        "x_train": pack(a.x_train),
-        "y_train": pack(places),
-        "labels": pack(region.labels_, "uint8"),
-    }
-    mapping |= {"scale": a.scale.tolist(), "neighbours": a.neighbours, "far": FAR}
-    return mapping | {"gamma": gamma, "p_t": region.p_t}
+    """A region for the page: its training states, and Ψ and Γ of each of its `arms`."""
+    a = region.arrays_
+    states = {"x_train": pack(a.x_train), "y_train": pack(a.y_train), "labels": pack(region.labels_, "uint8")}
+    shared = {"scale": a.scale.tolist(), "far": FAR, "p_t": region.p_t}
+    return states | shared | {"arms": {name: arm_data(arm) for name, arm in arms(region).items()}}
 
 
 def test_states(config: Config) -> dict[str, Any]:
@@ -186,7 +186,8 @@ def collect(folder: Path, figures: Path) -> dict[str, Any]:
         figures: with the tables of Fig. 3.
 
     Raises:
-        ParameterError: a region was made with other values than the policies.
+        ParameterError: a region was made with other values than the policies, or with weights, which it
+            does not keep, so that it cannot be calibrated.
         ResultError: there are no regions or no policies, a policy was trained with other values than the
             first one, or a file is missing or damaged.
     """
@@ -201,6 +202,8 @@ def collect(folder: Path, figures: Path) -> dict[str, Any]:
         require_same(policy.run, config)
     for region in regions:
         require_made_of(region.made_of, config, "region", where=region.path)
+    weights = config.choices.gamma_weights
+    check(weights == "none", "gamma_weights", weights, "none, since a region keeps no weights")
     own = {alpha_text(r.made_of.alpha): r for r in sorted(regions, key=lambda r: -r.made_of.seed)}
     first = {policy.card: policy for policy in sorted(policies, key=lambda p: -p.run.condition.seed)}
     return physics(config) | {

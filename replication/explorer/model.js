@@ -118,12 +118,22 @@ function recover(s, k, rule, start, record = false) {
   }
 }
 
-// The mapping: the place y [2] of x, the nearest training states, and their weights, which add up to 1.
-function mapState(region, x) {
-  const { scale, x_train: states, y_train: places, neighbours, far } = region, m = scale.length, k = places.length / 2;
-  const sums = (region.sums ??= new Float64Array(k));
+// An arm of a region, with what the arms share: its mapping and its probabilities.
+function armOf(region, name) {
+  const { arms, ...shared } = region;
+  return { ...shared, ...arms[name] };
+}
+
+function scaled(arm, x, j) {
+  return Math.min(Math.max(x[j] / arm.scale[j], -arm.far), arm.far);
+}
+
+// The training states nearest to x: which they are, the nearest first, and their squared distances.
+function nearest(arm, x) {
+  const { scale, x_train: states, y_train: places, neighbours } = arm, m = scale.length, k = places.length / 2;
+  const sums = (arm.sums ??= new Float64Array(k));
   for (let j = 0, at = 0; j < m; j++) {
-    const v = Math.min(Math.max(x[j] / scale[j], -far), far);
+    const v = scaled(arm, x, j);
     for (let i = 0; i < k; i++, at++) {
       const d = states[at] - v;
       sums[i] = j > 0 ? sums[i] + d * d : d * d;
@@ -132,17 +142,22 @@ function mapState(region, x) {
   const near = new Int32Array(neighbours).fill(-1), squared = new Float64Array(neighbours).fill(Infinity);
   for (let i = 0; i < k; i++) {
     if (!(sums[i] < squared[neighbours - 1])) continue; // of equal ones the first stays the nearer
-    let place = neighbours - 1;
-    for (; place > 0 && sums[i] < squared[place - 1]; place--) {
-      squared[place] = squared[place - 1];
-      near[place] = near[place - 1];
+    let rank = neighbours - 1;
+    for (; rank > 0 && sums[i] < squared[rank - 1]; rank--) {
+      squared[rank] = squared[rank - 1];
+      near[rank] = near[rank - 1];
     }
-    squared[place] = sums[i];
-    near[place] = i;
+    squared[rank] = sums[i];
+    near[rank] = i;
   }
-  const exact = squared[0] === 0;
+  return { near, squared };
+}
+
+// The mapping by neighbours: the place y [2] of x, the nearest training states, and their weights, which add up to 1.
+function mapState(arm, x) {
+  const { near, squared } = nearest(arm, x), { y_train: places } = arm, exact = squared[0] === 0;
   const order = Array.from(near.keys()).sort((p, q) => near[p] - near[q]); // the package adds in this order
-  const weights = new Float64Array(neighbours), y = [0, 0];
+  const weights = new Float64Array(near.length), y = [0, 0];
   let total = 0;
   for (const p of order) {
     weights[p] = exact ? Number(squared[p] === 0) : 1 / Math.sqrt(squared[p]);
@@ -153,6 +168,23 @@ function mapState(region, x) {
   return { y: [y[0] / total, y[1] / total], near, weights: weights.map((w) => w / total) };
 }
 
+// The mapping by a network with two hidden layers: the place y [2] of x. Sums run over the units before, in their order.
+function applyNetwork(arm, x) {
+  const w = arm.network, layer = (inputs, weights, biases) => {
+    const out = Float64Array.from(biases), wide = out.length;
+    for (let i = 0; i < inputs.length; i++) for (let j = 0; j < wide; j++) out[j] += weights[i * wide + j] * inputs[i];
+    return out;
+  };
+  const rectified = (values) => values.map((v) => Math.max(v, 0));
+  const first = layer(arm.scale.map((_, j) => scaled(arm, x, j)), w.first, w.first_bias);
+  return Array.from(layer(rectified(layer(rectified(first), w.second, w.second_bias)), w.last, w.last_bias));
+}
+
+// The place y [2] of x.
+function place(arm, x) {
+  return arm.network ? applyNetwork(arm, x) : mapState(arm, x).y;
+}
+
 // The probability that the place y is safe, by its cell of the grid.
 function lookUp(gamma, y) {
   const i = Math.floor((y[0] - gamma.origin[0]) / gamma.cell), j = Math.floor((y[1] - gamma.origin[1]) / gamma.cell);
@@ -160,8 +192,8 @@ function lookUp(gamma, y) {
   return gamma.grid[i * gamma.cells + j];
 }
 
-function safety(region, gamma, x) {
-  return lookUp(gamma, mapState(region, x).y);
+function safety(arm, x) {
+  return lookUp(arm.gamma, place(arm, x));
 }
 
 // The target at the time t in s.
@@ -215,10 +247,10 @@ function advance(s, rule, task, x, action, period) {
 }
 
 // A trial from start: the policy acts until h(x) = 0, then K does. world: system, k, rule, task, policy, maybe the kind
-// of Numbers that it sees; with a region, gamma and p_t there is a supervisor. noise: draws what is added to an action.
+// of Numbers that it sees; with an arm and p_t there is a supervisor. noise: draws what is added to an action.
 function runTrial(world, start, noise = null) {
-  const { system, k, rule, task, policy, region } = world, x = Float64Array.from(start), states = [Float64Array.from(x)];
-  const unsafe = () => region && !(safety(region, world.gamma, x) > world.p_t);
+  const { system, k, rule, task, policy, arm } = world, x = Float64Array.from(start), states = [Float64Array.from(x)];
+  const unsafe = () => arm && !(safety(arm, x) > world.p_t);
   let ended = 0, period = 0, total = 0, activated = unsafe() ? 0 : -1;
   while (ended === 0 && activated < 0) {
     const action = act(policy, observe(task, x, period, world.Numbers)), step = noise ? action.map((a, i) => a + noise(i)) : action;
@@ -258,7 +290,7 @@ function unpack(value) {
 
 if (typeof module !== "undefined") {
   module.exports = {
-    RECOVERED, HIT_GROUND, NOT_RECOVERED, TIME_OVER, systemOf, derivative, rk4Step, recover, mapState, lookUp, safety,
-    target, joints, observe, act, advance, runTrial, judge, unpack,
+    RECOVERED, HIT_GROUND, NOT_RECOVERED, TIME_OVER, systemOf, derivative, rk4Step, recover, armOf, nearest, mapState, place,
+    lookUp, safety, target, joints, observe, act, advance, runTrial, judge, unpack,
   };
 }

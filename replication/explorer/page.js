@@ -13,11 +13,11 @@
   const REACH = 28; // px around a handle that a finger takes hold of
   const GHOST = 0.6; // s of rest between two showings of what K does
   const MOST_TRIALS = 300; // that are looked through for an activation
-  const GAMMA_SIZE = data.regions[Object.keys(data.regions)[0]].gamma["held out"].cells;
+  const EDGE = 11; // px within the plane of what lies outside it
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
   const view = {
-    alpha: "0.5" in data.regions ? "0.5" : Object.keys(data.regions)[0], evidence: "held out", p_t: 0, delta: 1.5,
+    alpha: "0.5" in data.regions ? "0.5" : Object.keys(data.regions)[0], arm: "as written", p_t: 0, delta: 1.5,
     x: Float64Array.from({ length: m }, (_, i) => [0.3, -0.5, 0.4, 0.9, 0, 0][i] ?? 0), axes: [0, n], link: 0,
     supervised: true, noisy: false, actor: -1, playing: false, at: -1, seed: 0, start: null,
   };
@@ -26,12 +26,13 @@
 
   // ---- what is derived from the state
 
-  const region = () => data.regions[view.alpha], gamma = () => region().gamma[view.evidence];
+  const arms = Object.fromEntries(Object.entries(data.regions).map(([alpha, r]) => [alpha, Object.fromEntries(Object.keys(r.arms).map((name) => [name, armOf(r, name)]))]));
+  const arm = () => arms[view.alpha][view.arm];
   const system = (delta) => systemOf(data, delta);
   const roll = (delta, record) => recover(system(delta), data.k, data.rule, view.x, record);
 
   function derive() {
-    const map = mapState(region(), view.x), p = lookUp(gamma(), map.y);
+    const a = arm(), map = a.network ? { y: place(a, view.x), near: nearest(a, view.x).near } : mapState(a, view.x), p = lookUp(a.gamma, map.y);
     now = { map, p, h: p > view.p_t, nominal: roll(1, false), real: roll(view.delta, true) };
     now.tips = now.real.path.map((x) => joints(data.system.lengths, x).at(-1));
   }
@@ -48,7 +49,7 @@
     const text = token(now.h, "h(x)", Number(now.h)) + token(ln, "l<sub>n</sub>(x)", Number(ln)) + token(l, "l(x)", Number(l)) + `<span class="say">${say}</span>`;
     if (text !== told) find("verdict").innerHTML = told = text;
     find("recovery").textContent = `K ${says[now.real.outcome]}${now.real.outcome === NOT_RECOVERED ? "" : `, ${seconds(now.real.periods)}`}`;
-    find("probability").textContent = `Γ(Ψ(x)) = ${now.p.toFixed(2)} ${now.h ? ">" : "≤"} ${view.p_t.toFixed(2)}`;
+    find("probability").textContent = `Γ(Ψ(x)) = ${now.p.toFixed(2)} ${now.h ? ">" : "≤"} ${view.p_t.toFixed(2)}${planeEdge(now.map.y).out ? ", off the picture" : ""}`;
     sliders.forEach(({ input, output }, i) => {
       if (document.activeElement !== input || view.playing) input.value = view.x[i];
       output.textContent = `${view.x[i].toFixed(2).replace("-", "−")} ${UNITS[i]}`;
@@ -111,8 +112,8 @@
 
   // ---- the pendulum
 
-  const arm = data.system.lengths.reduce((a, b) => a + b, 0);
-  const stage = { left: -1.04 * arm, right: 1.04 * arm, low: -0.32 * arm };
+  const reach = data.system.lengths.reduce((a, b) => a + b, 0);
+  const stage = { left: -1.04 * reach, right: 1.04 * reach, low: -0.32 * reach };
   function toScreen([x, y]) {
     const { width, height } = canvases.pendulum, unit = width / (stage.right - stage.left);
     return [(x - stage.left) * unit, height - (y - stage.low) * unit];
@@ -156,9 +157,10 @@
 
   // ---- the plane of the mapping
 
-  // The part of the plane that is shown: a square around the training states, and so around every Ψ(x).
+  // The part of the plane that is shown: a square around the training states, and so around every mean of them. A network
+  // may put Ψ(x) outside.
   function shown() {
-    const r = region(), range = (k) => {
+    const r = arm(), range = (k) => {
       let low = Infinity, top = -Infinity;
       for (let i = k; i < r.y_train.length; i += 2) { low = Math.min(low, r.y_train[i]); top = Math.max(top, r.y_train[i]); }
       return [(low + top) / 2, top - low];
@@ -173,9 +175,16 @@
     const { width } = canvases.plane, { left, low, side } = shown(), unit = width / side;
     return [(y[0] - left) * unit, width - (y[1] - low) * unit];
   }
+  // The point of y, moved to the edge if it lies outside the square; out: the direction in which it does, or null.
+  function planeEdge(y) {
+    const { width } = canvases.plane, point = planePoint(y), inside = point.map((v) => Math.min(Math.max(v, 0), width));
+    if (inside.every((v, k) => v === point[k])) return { point, out: null };
+    const edge = point.map((v) => Math.min(Math.max(v, EDGE), width - EDGE)), by = Math.hypot(point[0] - edge[0], point[1] - edge[1]);
+    return { point: edge, out: [(point[0] - edge[0]) / by, (point[1] - edge[1]) / by] };
+  }
   // Draws with y, in cells of the grid of Γ, as coordinates.
   function inCells(c, draw) {
-    const g = gamma(), { left, low, side } = shown(), unit = canvases.plane.width / side;
+    const g = arm().gamma, { left, low, side } = shown(), unit = canvases.plane.width / side;
     c.save();
     c.translate((g.origin[0] - left) * unit, canvases.plane.width - (g.origin[1] - low) * unit);
     c.scale(g.cell * unit, -g.cell * unit);
@@ -184,7 +193,7 @@
   }
 
   function planeLayer() {
-    const key = `${view.alpha} ${view.evidence}`, g = gamma(), { canvas, width } = canvases.plane;
+    const key = `${view.alpha} ${view.arm}`, { gamma: g, y_train: y, labels } = arm(), { canvas, width } = canvases.plane;
     if (layer?.key !== key) {
       const image = new OffscreenCanvas(g.cells, g.cells), picture = new ImageData(g.cells, g.cells), shades = data.colours.gamma;
       const shade = (p, k) => {
@@ -203,7 +212,6 @@
       Object.assign(c, { fillStyle: `rgb(${[0, 1, 2].map((k) => shade(g.empty, k)).join()})`, imageSmoothingQuality: "high" });
       c.fillRect(0, 0, width, width);
       inCells(c, () => c.drawImage(image, 0, 0, g.cells, g.cells));
-      const { y_train: y, labels } = region();
       c.globalAlpha = 0.85;
       labels.forEach((z, i) => dot(c, planePoint([y[2 * i], y[2 * i + 1]]), 1.5, z ? ink.safe : ink.unsafe));
       layer = { key, whole, p_t: null };
@@ -219,15 +227,21 @@
       Object.assign(c, { strokeStyle: ink.border, lineWidth: 1.8 / unit });
       c.stroke(border);
     });
-    const here = planePoint(now.map.y), { y_train: y, labels } = region();
+    const { point: here, out } = planeEdge(now.map.y), { y_train: y, labels } = arm();
     now.map.near.forEach((i, p) => {
-      const place = planePoint([y[2 * i], y[2 * i + 1]]);
-      c.globalAlpha = 0.35 + 0.65 * Math.min(1, 4 * now.map.weights[p]);
-      line(c, [here, place], ink.background, 1);
-      c.globalAlpha = 1;
-      dot(c, place, 3.6, labels[i] ? ink.safe : ink.unsafe, ink.background, 1.4);
+      const state = planePoint([y[2 * i], y[2 * i + 1]]);
+      if (now.map.weights) {
+        c.globalAlpha = 0.35 + 0.65 * Math.min(1, 4 * now.map.weights[p]);
+        line(c, [here, state], ink.background, 1);
+        c.globalAlpha = 1;
+      }
+      dot(c, state, 3.6, labels[i] ? ink.safe : ink.unsafe, ink.background, 1.4);
     });
-    dot(c, here, 7, ink.background, ink.ink, 2.5);
+    if (out) {
+      const [a, b] = out, tip = EDGE - 1;
+      line(c, [[here[0] + 5 * a - 7 * b, here[1] + 5 * b + 7 * a], [here[0] + tip * a, here[1] + tip * b], [here[0] + 5 * a + 7 * b, here[1] + 5 * b - 7 * a]], ink.ink, 2.5);
+    }
+    dot(c, here, out ? 5 : 7, ink.background, ink.ink, 2.5);
     if (!now.h) line(c, [[here[0] - 3, here[1]], [here[0] + 3, here[1]]], ink.ink, 2);
     else dot(c, here, 2, ink.ink);
   }
@@ -244,10 +258,10 @@
 
   function work(budget) {
     const [a, b] = view.axes, rest = Array.from(view.x, (v, i) => (i === a || i === b ? 0 : v)).join();
-    const gammaKey = [view.alpha, view.evidence, a, b, rest].join(" "), labelKey = [view.delta, a, b, rest].join(" ");
+    const gammaKey = [view.alpha, view.arm, a, b, rest].join(" "), labelKey = [view.delta, a, b, rest].join(" ");
     if (gammaKey !== slice.gammaKey) Object.assign(slice, { gammaKey, gammaAt: 0, painted: false });
     if (labelKey !== slice.labelKey) Object.assign(slice, { labelKey, labelAt: 0, painted: false, known: 0 });
-    const until = performance.now() + budget, x = Float64Array.from(view.x), s = system(view.delta), g = gamma(), r = region();
+    const until = performance.now() + budget, x = Float64Array.from(view.x), s = system(view.delta), own = arm();
     const at = ({ i, j }) => { // the centre of the smallest cell: what is filled coarsely stands for it in the end
       x[a] = high[a] * ((2 * (i + 0.5)) / CELLS - 1);
       x[b] = high[b] * ((2 * (j + 0.5)) / CELLS - 1);
@@ -257,7 +271,7 @@
     let done = 0;
     while (slice.gammaAt < ORDER.length && (done++ % 16 || performance.now() < until)) {
       const cell = ORDER[slice.gammaAt++];
-      fill(slice.p, cell, safety(r, g, at(cell)));
+      fill(slice.p, cell, safety(own, at(cell)));
     }
     while (slice.gammaAt === ORDER.length && slice.labelAt < ORDER.length && performance.now() < until) {
       const cell = ORDER[slice.labelAt++];
@@ -352,7 +366,7 @@
   }
 
   function makeTrial() {
-    const actor = chosenActor(), draw = normals(view.seed + 1), supervised = view.supervised ? { region: region(), gamma: gamma(), p_t: view.p_t } : {};
+    const actor = chosenActor(), draw = normals(view.seed + 1), supervised = view.supervised ? { arm: arm(), p_t: view.p_t } : {};
     const world = { system: system(view.delta), k: data.k, rule: data.rule, task: data.task, policy: actor, ...supervised };
     trial = runTrial(world, view.start ?? new Float64Array(m), view.noisy ? (i) => Math.exp(actor.log_std[i]) * draw() : null);
     trial.actor = actor;
@@ -377,9 +391,9 @@
   const timeline = { painted: false, image: null };
   function drawTimeline() {
     const { canvas, context: c, width, height } = canvases.timeline, count = trial.states.length - 1, px = (i) => 1 + (i / Math.max(1, count)) * (width - 2), py = (p) => 6 + (1 - p) * (height - 26);
-    const keyed = `${view.alpha} ${view.evidence} ${view.p_t}`;
+    const keyed = `${view.alpha} ${view.arm} ${view.p_t}`;
     if (!timeline.painted || timeline.keyed !== keyed) {
-      trial.p ??= trial.states.map((x) => safety(region(), gamma(), x));
+      trial.p ??= trial.states.map((x) => safety(arm(), x));
       timeline.image = new OffscreenCanvas(canvas.width, canvas.height);
       const t = timeline.image.getContext("2d"), until = trial.activated < 0 ? count : trial.activated;
       t.scale(canvas.width / width, canvas.width / width);
@@ -480,10 +494,10 @@
   const KINDS = { uniform: "states drawn uniformly from the state space", "random policy": "states that a random policy visits" }, tested = {};
   function drawScores() {
     const which = data.deltas.reduce((best, d, i) => (Math.abs(d - view.delta) < Math.abs(data.deltas[best] - view.delta) ? i : best), 0);
-    const key = `${view.alpha} ${view.evidence}`;
+    const key = `${view.alpha} ${view.arm}`;
     tested[key] ??= Object.fromEntries(Object.entries(data.test).map(([kind, { x }]) => {
       const count = x.length / m;
-      return [kind, Float64Array.from({ length: count }, (_, i) => safety(region(), gamma(), x.subarray(m * i, m * (i + 1))))];
+      return [kind, Float64Array.from({ length: count }, (_, i) => safety(arm(), x.subarray(m * i, m * (i + 1))))];
     }));
     const bar = (name, v) => `<div class="score"><span>${name}</span><div><i style="width:${Number.isNaN(v) ? 0 : 100 * v}%"></i></div><b>${Number.isNaN(v) ? "–" : `${(100 * v).toFixed(1)} %`}</b></div>`;
     find("scores").innerHTML = Object.entries(tested[key]).map(([kind, p]) => {
@@ -536,9 +550,23 @@
     find(id).addEventListener("change", (event) => choose(event.target.value));
   }
 
+  const PSI = {
+    network: (k) => `Ψ is a small neural network, fitted to the places that t-SNE gave the training states. It no longer asks where they are: the ${k} that are nearest to x are marked only to compare.`,
+    neighbours: (k) => `Ψ(x) is the mean of the places of the ${k} training states nearest to x, the nearest weighted most. Lines lead to them.`,
+  };
+  const EVIDENCE = {
+    embedded: "Γ counts each label where t-SNE, which knew it, has put the state.",
+    "held out": "Γ counts each label where Ψ, learned from other states, puts the state.",
+  };
+  function how() {
+    const a = arm();
+    find("how").textContent = `${PSI[a.network ? "network" : "neighbours"](a.neighbours)} ${EVIDENCE[a.evidence]}`;
+  }
+
   function changed({ trials = true, scores = true, figure = true } = {}) {
     find("p_t-value").textContent = view.p_t.toFixed(2);
     find("delta-value").textContent = `= ${view.delta.toFixed(1)}`;
+    how();
     find("p_t").value = view.p_t;
     find("delta").value = view.delta;
     if (scores) pending.scores = true;
@@ -566,7 +594,7 @@
 
   const order = Object.keys(data.regions).sort();
   segments("alpha", order.map((a) => [a, `α = ${a}`]), view.alpha, (a) => { view.alpha = a; changed(); });
-  segments("evidence", [["embedded", "as written"], ["held out", "calibrated"]], view.evidence, (e) => { view.evidence = e; changed({ figure: false }); });
+  segments("arm", Object.keys(arms[view.alpha]).map((name) => [name, name]), view.arm, (name) => { view.arm = name; changed({ figure: false }); });
   find("p_t").addEventListener("input", (e) => { view.p_t = Number(e.target.value); changed({ figure: false }); });
   find("delta").addEventListener("input", (e) => { view.delta = Number(e.target.value); changed(); });
   find("supervised").addEventListener("change", (e) => { view.supervised = e.target.checked; changed({ scores: false }); });
@@ -615,7 +643,7 @@
 
   // ---- pointers and keys
 
-  function place(event, canvas) {
+  function pointer(event, canvas) {
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
@@ -623,17 +651,17 @@
   function draggable(name, hold, move) {
     const canvas = find(name);
     let held = null;
-    canvas.addEventListener("touchstart", (e) => { if (hold(place(e.touches[0], canvas)) !== null && e.cancelable) e.preventDefault(); }, { passive: false });
+    canvas.addEventListener("touchstart", (e) => { if (hold(pointer(e.touches[0], canvas)) !== null && e.cancelable) e.preventDefault(); }, { passive: false });
     canvas.addEventListener("pointerdown", (e) => {
-      held = hold(place(e, canvas));
+      held = hold(pointer(e, canvas));
       if (held === null) return;
       canvas.setPointerCapture(e.pointerId);
       canvas.focus({ preventScroll: true });
-      move(held, place(e, canvas));
+      move(held, pointer(e, canvas));
     });
     canvas.addEventListener("pointermove", (e) => {
-      if (held !== null) move(held, place(e, canvas));
-      else canvas.style.cursor = hold(place(e, canvas)) === null ? "" : "grab";
+      if (held !== null) move(held, pointer(e, canvas));
+      else canvas.style.cursor = hold(pointer(e, canvas)) === null ? "" : "grab";
     });
     ["pointerup", "pointercancel"].forEach((kind) => canvas.addEventListener(kind, () => { held = null; }));
   }
@@ -658,11 +686,11 @@
     });
   });
   function trainingState(i) {
-    const { x_train: states, scale, labels } = region();
+    const { x_train: states, scale, labels } = arm();
     setState((x) => x.forEach((_, j) => { x[j] = states[j * labels.length + i] * scale[j]; }));
   }
   function nearestTraining(at) {
-    const { y_train: y, labels } = region();
+    const { y_train: y, labels } = arm();
     let best = null, least = REACH;
     for (let i = 0; i < labels.length; i++) {
       const p = planePoint([y[2 * i], y[2 * i + 1]]), d = Math.hypot(p[0] - at[0], p[1] - at[1]);
@@ -686,7 +714,7 @@
   });
   let chosen = 0;
   find("plane").addEventListener("keydown", (e) => {
-    const arrow = ARROWS[e.key], count = region().labels.length;
+    const arrow = ARROWS[e.key], count = arm().labels.length;
     if (arrow) { e.preventDefault(); chosen = (chosen + arrow[0] + arrow[1] + count) % count; trainingState(chosen); }
   });
   document.addEventListener("keydown", (e) => {

@@ -19,8 +19,9 @@ from replication.__main__ import main
 from replication.explorer import build
 from replication.explorer.equations import motion
 from replication.plots import style
+from replication.studies.designs import CALIBRATED
 from srlrepro.dynamics.closed_loop import ClosedLoop
-from srlrepro.region.safe_region import SafeRegion
+from srlrepro.region.safe_region import learn_region
 from srlrepro.settings.config import Config
 
 ROOM = Path(build.__file__).parent
@@ -60,7 +61,9 @@ def test_twelve_policies_and_three_regions_fit() -> None:
     c = Config()
     k, width, cells = c.paper.k + 1, c.paper.hidden_width, c.choices.gamma_cells
     policy = 4 * (8 * width + width + width * width + width + 3 * width + 3)
-    region = 8 * (6 * k + 2 * k + 2 * cells**2) + k
+    units = c.choices.psi_width
+    network = 6 * units + units + units**2 + units + 2 * units + 2
+    region = 8 * (6 * k + 2 * k + 2 * cells**2 + network) + k
     tests = 2 * build.TEST_STATES * (6 * 4 + len(build.DELTAS))
     templates = sum(path.stat().st_size for path in ROOM.iterdir() if path.is_file())
     assert 4 / 3 * (12 * policy + 3 * region + tests) + templates < 0.97 * MOST
@@ -83,18 +86,32 @@ def test_equations_do_not_depend_on_the_order_of_sets() -> None:
         assert done.stdout == f"{motion(3)}\n"
 
 
-def test_a_region_is_packed_with_both_kinds_of_evidence(small: Learned) -> None:
+def test_arms_are_as_stored_and_as_the_calibrated_study_learns(small: Learned, small_config: Config) -> None:
+    data, region = small
+    written, calibrated = build.arms(region).values()
+    assert written is region
+    study = learn_region(data, small_config.with_values(**CALIBRATED))
+    assert calibrated.get_params() == study.get_params() != region.get_params()
+    for name in ("x_train", "y_train", "gamma", "origin"):
+        found, expected = getattr(calibrated.arrays_, name), getattr(study.arrays_, name)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_a_region_is_packed_with_its_arms(small: Learned) -> None:
     region = small[1]
-    written = SafeRegion(**{**region.get_params(), "gamma_evidence": "embedded"})
-    states = region.arrays_.x_train.T * region.arrays_.scale
-    written.fit_embedding(states, region.labels_, region.embedding_)
     packed = build.region_data(region)
-    for name, other in (("held out", region), ("embedded", written)):
-        gamma = packed["gamma"][name]
-        np.testing.assert_array_equal(unpacked(gamma["grid"]), other.arrays_.gamma.ravel())
-        assert gamma["cell"] == other.arrays_.cell and gamma["origin"] == other.arrays_.origin.tolist()
-    assert packed["gamma"]["held out"]["grid"] != packed["gamma"]["embedded"]["grid"]
     np.testing.assert_array_equal(unpacked(packed["x_train"]), region.arrays_.x_train.ravel())
+    np.testing.assert_array_equal(unpacked(packed["y_train"]), region.embedding_.ravel())
+    assert list(packed["arms"]) == ["as written", "calibrated"]
+    for name, arm in build.arms(region).items():
+        own, gamma = packed["arms"][name], packed["arms"][name]["gamma"]
+        np.testing.assert_array_equal(arm.arrays_.x_train, region.arrays_.x_train)  # packed once
+        np.testing.assert_array_equal(unpacked(gamma["grid"]), arm.arrays_.gamma.ravel())
+        assert gamma["cell"] == arm.arrays_.cell and gamma["origin"] == arm.arrays_.origin.tolist()
+        assert own["neighbours"] == arm.arrays_.neighbours and own["evidence"] == arm.gamma_evidence
+        for part, array in arm.arrays_.network._asdict().items() if own["network"] else ():
+            np.testing.assert_array_equal(unpacked(own["network"][part]), array.ravel())
+    assert packed["arms"]["as written"]["network"] and packed["arms"]["calibrated"]["network"] is None
 
 
 def test_test_states_carry_their_labels(page: Path, small_config: Config) -> None:
@@ -182,3 +199,9 @@ def test_policies_of_other_values_are_refused(
         main(line)
     assert stop.value.code == 2
     assert "psi_neighbours = 5" in capsys.readouterr().err and not out.exists()
+    for path in folder.glob("alpha*"):
+        path.unlink()
+    save_policy(folder, 0.5, 0, small_config.with_values(gamma_weights="density ratio"))
+    with pytest.raises(SystemExit):
+        main(line)
+    assert "gamma_weights = density ratio" in capsys.readouterr().err and not out.exists()

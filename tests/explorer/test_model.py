@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from learned import Learned
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from sklearn.metrics import precision_score, recall_score
 
-from replication.explorer.build import actor_data, model_source, pack, physics, region_data
+from replication.explorer.build import actor_data, arms, model_source, pack, physics, region_data
 from replication.explorer.equations import motion
 from srlrepro.dynamics.circle_env import ENDS, ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, OUTCOMES, RECOVERED, ClosedLoop
 from srlrepro.learner.policy import TrainedPolicy
 from srlrepro.learner.trials import transitions
-from srlrepro.region.safe_region import SafeRegion
 from srlrepro.settings.config import Config
 from srlrepro.supervisor import Supervisor
 
@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 Run = Callable[..., Any]
 DELTAS = (1.0, 1.5, 4.0)
 CONFIG = Config()
+ARMS = ("as written", "calibrated")
 
 
 @pytest.fixture(scope="module")
@@ -137,12 +138,15 @@ def test_a_thousand_steps_of_a_policy_are_the_packages(node: Run) -> None:
     assert ENDS[outcome] == steps[-1].info["outcome"] == "time limit"
 
 
-def test_a_supervised_trial_is_the_packages(node: Run, small: Learned, small_config: Config) -> None:
+@pytest.mark.parametrize("name", ARMS)
+def test_a_supervised_trial_is_the_packages(
+    node: Run, small: Learned, small_config: Config, name: str
+) -> None:
     """K is activated at the same step, and fares the same, where a policy shakes too hard."""
-    region, policy, data = small[1], clockwork(small_config, 12.0), physics(small_config)
+    fitted, policy, data = small[1], clockwork(small_config, 12.0), physics(small_config)
+    region = arms(fitted)[name]
     code = """const {k, rule, task} = data, system = M.systemOf(data, delta);
-    const gamma = region.gamma["held out"];
-    const world = {system, k, rule, task, policy, region, gamma, p_t: region.p_t};
+    const arm = M.armOf(region, name), world = {system, k, rule, task, policy, arm, p_t: arm.p_t};
     const t = M.runTrial(world, [0, 0, 0, 0, 0, 0]);
     return [t.states.length, t.activated, t.outcome, Array.from(t.states.at(-1)), t.total];"""
     activations = 0
@@ -155,7 +159,7 @@ def test_a_supervised_trial_is_the_packages(node: Run, small: Learned, small_con
         steps = list(transitions(env, lambda seen: mean_action(policy, seen)))
         last = steps[-1].info
         length, activated, outcome, end, total = node(
-            code, data=data, delta=delta, policy=actor_data(policy), region=region_data(region)
+            code, data=data, delta=delta, policy=actor_data(policy), region=region_data(fitted), name=name
         )
         assert (activated >= 0) == last["activated"]
         assert total == pytest.approx(sum(step.reward for step in steps), rel=1e-9)
@@ -180,25 +184,49 @@ def test_labels_are_the_packages(node: Run, draw: Callable[..., Floats], delta: 
     assert np.mean(np.array(found) == expected) > 0.99  # the way in which K fails may turn on the last digit
 
 
-@pytest.mark.parametrize("evidence", ["held out", "embedded"])
-def test_h_is_the_packages(node: Run, small: Learned, draw: Callable[..., Floats], evidence: str) -> None:
-    """Ψ, Γ and h at 2000 states, at training states, and far away; "embedded" from a region fitted so."""
+@pytest.mark.parametrize("name", ARMS)
+def test_h_is_the_packages(node: Run, small: Learned, draw: Callable[..., Floats], name: str) -> None:
+    """Ψ, Γ and h of an arm at 2000 states, at training states, and far away."""
     data, fitted = small
-    region = SafeRegion(**{**fitted.get_params(), "gamma_evidence": evidence})
-    trained = fitted.arrays_.x_train.T * fitted.arrays_.scale
-    region.fit_embedding(trained, fitted.labels_, fitted.embedding_)
-    x = np.concatenate([draw(1000, 7), 0.1 * draw(1000, 8), data.x[:50], 1e9 * draw(5, 9)])
-    code = """const r = values.region; return x.map((state) => {
-      const {y, near, weights} = M.mapState(r, state);
-      return [...y, M.safety(r, r.gamma[evidence], state), near.length, weights.reduce((a, b) => a + b)];
+    region, near = arms(fitted)[name], np.concatenate([draw(1000, 7), 0.1 * draw(1000, 8), data.x[:50]])
+    assert region.psi == {"as written": "network", "calibrated": "neighbours"}[name]
+    code = """const arm = M.armOf(region, name);
+    return x.map((state) => [...M.place(arm, state), M.safety(arm, state)]);"""
+    for x in (near, 1e9 * draw(5, 9)):
+        found = np.array(node(code, region=region_data(fitted), name=name, x=x.tolist()))
+        assert deviation(found[:, :2], region.transform(x)) < 1e-12
+        np.testing.assert_array_equal(found[:, 2] > region.p_t, region.predict(x) == 1)
+        np.testing.assert_allclose(found[:, 2], region.safety(x), rtol=1e-9)
+    assert 0 < region.predict(near).mean() < 1
+
+
+def test_arms_differ_in_psi_and_gamma(small: Learned, draw: Callable[..., Floats]) -> None:
+    written, calibrated = arms(small[1]).values()
+    x = draw(1000, 7)
+    assert np.abs(written.transform(x) - calibrated.transform(x)).max() > 0.1 * written.embedding_.std()
+    assert 0 < np.mean(written.predict(x) != calibrated.predict(x)) < 1
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_marked_states_are_the_nearest(
+    node: Run, small: Learned, draw: Callable[..., Floats], name: str
+) -> None:
+    """In half ranges, the nearest first; by neighbours their weights add up to 1 and give Ψ(x)."""
+    region, x = small[1], draw(100, 11)
+    code = """const arm = M.armOf(region, name);
+    return x.map((state) => Array.from(M.nearest(arm, state).near));"""
+    found = node(code, region=region_data(region), name=name, x=x.tolist())
+    scale = region.arrays_.scale
+    distances = cdist(x / scale, region.arrays_.x_train.T)
+    np.testing.assert_array_equal(found, distances.argsort(axis=1)[:, : region.psi_neighbours])
+    code = """const arm = M.armOf(region, "calibrated");
+    return x.map((state) => {
+      const {near, weights, y} = M.mapState(arm, state);
+      return [Array.from(near), Array.from(weights), y];
     });"""
-    found = np.array(node(code, region=region_data(fitted), evidence=evidence, x=x.tolist()))
-    assert deviation(found[:, :2], fitted.transform(x)) < 1e-12
-    np.testing.assert_array_equal(found[:, 2] > region.p_t, region.predict(x) == 1)
-    np.testing.assert_allclose(found[:, 2], region.safety(x), rtol=1e-9)
-    assert 0 < region.predict(x).mean() < 1
-    assert set(found[:, 3]) == {region.psi_neighbours}
-    np.testing.assert_allclose(found[:, 4], 1.0, rtol=1e-12)
+    for order, weights, y in node(code, region=region_data(region), x=x[:5].tolist()):
+        assert sum(weights) == pytest.approx(1.0, rel=1e-12)
+        np.testing.assert_allclose(np.array(weights) @ region.embedding_[order], y, rtol=1e-9)
 
 
 def test_precision_and_recall(node: Run) -> None:

@@ -197,9 +197,13 @@ def test_choices_redraw(tab: Page, page: Path) -> None:
     assert strict != first
     heavy, said = turn("delta", 4)
     assert heavy != strict and said.startswith("Δ = 4.0")
-    tab.run("document.querySelector('#evidence [value=embedded]').click()")
+    seen = [text(tab, "how"), tab.run("document.getElementById('plane').toDataURL()")]
+    assert seen[0].startswith("Ψ is a small neural network") and "where t-SNE" in seen[0]
+    tab.run("document.querySelector('#arm [value=calibrated]').click()")
     settle(tab)
     assert text(tab, "scores") != heavy
+    assert text(tab, "how").startswith("Ψ(x) is the mean") and "learned from other states" in text(tab, "how")
+    assert tab.run("document.getElementById('plane').toDataURL()") != seen[1]
     assert tab.complaints == []
 
 
