@@ -163,12 +163,10 @@ def effects(runs: pd.DataFrame) -> pd.DataFrame:
     ]
     table = pd.DataFrame(rows, columns=["delta", "outcome", "effect", "estimate"])
     found = []
-    for (delta, outcome, effect), values in table.groupby(["delta", "outcome", "effect"], sort=False)[
-        "estimate"
-    ]:
-        _, low, high = contrast_interval([values.to_numpy()], [1.0])
+    for (delta, outcome, effect), own in table.groupby(["delta", "outcome", "effect"], sort=False):
+        mean, low, high = contrast_interval([own["estimate"].to_numpy()], [1])
         state = "" if effect == SLOPE else judge(low, high, OUTCOMES[str(outcome)][1])
-        found.append((delta, outcome, effect, len(values), float(values.mean()), low, high, state))
+        found.append((delta, outcome, effect, len(own), mean, low, high, state))
     columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
     return pd.DataFrame(found, columns=columns)
 

@@ -10,7 +10,7 @@ from scipy.stats import ttest_ind
 from replication.evidence.measures import classification, labelled, write_measures
 from replication.evidence.results import read_run
 from replication.studies.designs import gather
-from replication.studies.shift import contrasts, distance, measure_universes, sentences, welch
+from replication.studies.shift import contrasts, distance, measure_universes, sentences
 from replication.studies.universe import Universe, conditions, keep, train_cells
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.settings.config import Config
@@ -80,9 +80,3 @@ def test_contrasts_are_differences_of_means_by_variant() -> None:
     assert np.isnan(found.loc["weighted-ud", "low"])
     said = sentences(contrasts(table))
     assert len(said) == 2 and said[0].startswith("refitted against as-written, Δ = 4: free error ")
-
-
-def test_values_that_do_not_vary_have_an_interval_without_width() -> None:
-    assert welch(np.full(3, 2.0), np.full(4, 0.5)) == (1.5, 1.5)
-    low, high = welch(np.full(3, 2.0), np.array([0.0, 1.0]))
-    assert low < 1.5 < high
