@@ -119,9 +119,9 @@ def plot_caution(runs: pd.DataFrame) -> Figure:
         for ax, delta in zip(row, deltas, strict=True):
             for (kind, alpha), own in runs[runs["delta"] == delta].groupby(["hypothesis", "alpha"]):
                 filled = color(str(alpha)) if kind == HYPOTHESES[0] else BACKGROUND
-                look = {"edgecolors": color(str(alpha)), "linewidths": 0.9}
+                look = {"marker": MARKERS.get(str(alpha), "."), "edgecolors": color(str(alpha))}
                 values = np.exp(own[outcome]) if counted else own[outcome]
-                ax.scatter(own["caution"], values, 18, filled, MARKERS.get(str(alpha), "."), **look)
+                ax.scatter(own["caution"], values, 18, filled, linewidths=0.9, **look)
             ax.set(xscale="log", yscale="log" if counted else "linear")
             ax.set_xticks(CAUTIONS, [f"{c:g}" for c in CAUTIONS])
             ax.xaxis.set_minor_formatter(NullFormatter())
