@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import NullFormatter
 
 from replication.plots.style import BACKGROUND, GRID, GUIDE, INK, MARKERS, color, delta_colors, label
 from replication.studies import caution, crossed, shift
@@ -17,6 +18,8 @@ from replication.studies.designs import HYPOTHESES, THRESHOLDS, VARIANTS
 
 PARTS = {"dataset": INK, "learner": GUIDE, "residual": GRID}  # of the variance
 KINDS = {"tsne": "the paper's region", "svm": "SVM of the whole state"}
+BESIDE_BAR = 0.42  # from the middle of a bar to its interval
+CAUTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)  # that an axis names
 SPREAD = 0.22  # between α's or Δ's side by side, in units of the axis
 
 
@@ -81,7 +84,7 @@ def plot_roc(curves: pd.DataFrame) -> Figure:
 def plot_frontier(runs: pd.DataFrame) -> Figure:
     """Return of the policy alone against violations, by Δ and hypothesis; a line per α over p_t.
 
-    runs: as of `caution.learners`. A small mark is a learner, a large one the mean over datasets.
+    A small mark is a learner, a large one the mean over datasets, with its p_t; runs: of `caution.learners`.
     """
     figure, axes = _by_kind(runs["delta"].unique())
     shown = runs.assign(count=np.exp(runs["log_violations"]))
@@ -111,21 +114,17 @@ def plot_caution(runs: pd.DataFrame) -> Figure:
         len(caution.OUTCOMES), len(deltas), sharex=True, sharey="row", squeeze=False, figsize=size
     )
     for row, (outcome, (text, _)) in zip(axes, caution.OUTCOMES.items(), strict=True):
-        row[0].set_ylabel(text.replace(", ", ",\n"))
+        counted = outcome == "log_violations"
+        row[0].set_ylabel("violations in the training, and ½" if counted else text.replace(", ", ",\n"))
         for ax, delta in zip(row, deltas, strict=True):
             for (kind, alpha), own in runs[runs["delta"] == delta].groupby(["hypothesis", "alpha"]):
                 filled = color(str(alpha)) if kind == HYPOTHESES[0] else BACKGROUND
-                mark = MARKERS.get(str(alpha), ".")
-                ax.scatter(
-                    own["caution"],
-                    own[outcome],
-                    18,
-                    filled,
-                    mark,
-                    edgecolors=color(str(alpha)),
-                    linewidths=0.9,
-                )
-            ax.set_xscale("log")
+                look = {"marker": MARKERS.get(str(alpha), "."), "edgecolors": color(str(alpha))}
+                values = np.exp(own[outcome]) if counted else own[outcome]
+                ax.scatter(own["caution"], values, 18, filled, linewidths=0.9, **look)
+            ax.set(xscale="log", yscale="log" if counted else "linear")
+            ax.set_xticks(CAUTIONS, [f"{c:g}" for c in CAUTIONS])
+            ax.xaxis.set_minor_formatter(NullFormatter())
     for ax, delta in zip(axes[0], deltas, strict=True):
         ax.set_title(rf"$\Delta = {delta:g}$")
     for ax in axes[-1]:
@@ -183,6 +182,7 @@ def plot_shift(table: pd.DataFrame) -> Figure:
             ax.plot(means.index, means, "_", color=shade, markersize=12)
         ax.set_ylabel(text)
         ax.set_xticks(range(len(VARIANTS)), list(VARIANTS), rotation=30, ha="right")
+        ax.set_xlim(-0.5, len(VARIANTS) - 0.5)
         ax.grid(axis="y", color=GRID)
         ax.set_axisbelow(True)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(deltas))

@@ -32,7 +32,7 @@ from srlrepro.settings.fields import check
 
 SHARES = ("0", "0.25", "0.5", "0.75", "1")  # α: those of the paper, and between
 RECALLS = (0.5, 0.8)
-GRID = tuple(np.round(np.arange(0.02, 1.0, 0.02), 2).tolist())  # of p_t
+GRID = (*np.round(np.arange(0.02, 1.0, 0.02), 2).tolist(), 0.99, 0.995)  # of p_t
 CELL = ["hypothesis", "alpha", "delta", "dataset"]
 BESIDE = (  # measures of a learner beside its caution
     "violations_per_1000_steps",
@@ -124,18 +124,27 @@ def learners(measures: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
 def fitted(runs: pd.DataFrame, outcome: str) -> dict[str, float]:
     """The slope b (`SLOPE`), β_α (by α) and γ (`SVM`) of the module's model, for the learners of one cell.
 
-    Empty where the learners do not tell them apart: too few, or all of one kind. A hypothesis that rejects
-    nothing has no logarithm of its caution, and is left out.
+    Empty where the learners do not tell them apart: too few, or all of one kind. An effect between learners
+    whose ranges of caution do not overlap is left out: none of them were equally cautious. A hypothesis that
+    rejects nothing has no logarithm of its caution, and is left out.
     """
     own = runs[runs["caution"] > 0].dropna(subset=outcome)
+    names = sorted({*own["alpha"]} - {"0"})
+    groups = {alpha: (own["alpha"] == alpha, own["alpha"] == "0") for alpha in names}
+    groups[SVM] = own["hypothesis"] == SVM, own["hypothesis"] != SVM
     columns = {"": np.ones(len(own)), SLOPE: np.log(own["caution"])}
-    columns |= {alpha: (own["alpha"] == alpha).astype(float) for alpha in sorted({*own["alpha"]} - {"0"})}
-    columns |= {SVM: (own["hypothesis"] == SVM).astype(float)}
+    columns |= {name: member.astype(float) for name, (member, _) in groups.items()}
     x = np.column_stack(list(columns.values()))
     if len(own) <= x.shape[1] or np.linalg.matrix_rank(x) < x.shape[1]:
         return {}
     found = np.linalg.lstsq(x, own[outcome].to_numpy(np.float64), rcond=None)[0]
-    return {name: float(value) for name, value in zip(columns, found, strict=True) if name}
+    apart = {n for n, (a, b) in groups.items() if not _overlap(own.loc[a, "caution"], own.loc[b, "caution"])}
+    pairs = zip(columns, found, strict=True)
+    return {name: float(value) for name, value in pairs if name and name not in apart}
+
+
+def _overlap(a: pd.Series, b: pd.Series) -> bool:
+    return bool(max(a.min(), b.min()) < min(a.max(), b.max()))
 
 
 def effects(runs: pd.DataFrame) -> pd.DataFrame:
@@ -154,12 +163,10 @@ def effects(runs: pd.DataFrame) -> pd.DataFrame:
     ]
     table = pd.DataFrame(rows, columns=["delta", "outcome", "effect", "estimate"])
     found = []
-    for (delta, outcome, effect), values in table.groupby(["delta", "outcome", "effect"], sort=False)[
-        "estimate"
-    ]:
-        _, low, high = contrast_interval([values.to_numpy()], [1.0])
+    for (delta, outcome, effect), own in table.groupby(["delta", "outcome", "effect"], sort=False):
+        mean, low, high = contrast_interval([own["estimate"].to_numpy()], [1])
         state = "" if effect == SLOPE else judge(low, high, OUTCOMES[str(outcome)][1])
-        found.append((delta, outcome, effect, len(values), float(values.mean()), low, high, state))
+        found.append((delta, outcome, effect, len(own), mean, low, high, state))
     columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
     return pd.DataFrame(found, columns=columns)
 
@@ -176,9 +183,10 @@ def sentences(equal: pd.DataFrame, found: pd.DataFrame) -> list[str]:
     """What both parts say; equal: the second table of `scored`; found: as of `effects`."""
     said, recall = [], max(RECALLS)
     rates = equal[equal["recall"] == recall].groupby(["delta", "hypothesis", "alpha"], sort=False)
-    means = rates["false_positives"].mean()
-    for delta, kind in product(equal["delta"].unique(), HYPOTHESES):
-        part = ", ".join(f"{rate:.2f} at α = {alpha}" for alpha, rate in means[delta, kind].items())
+    means = rates["false_positives"].mean().reset_index()
+    for (delta, kind), own in means.groupby(["delta", "hypothesis"]):
+        rows = own.to_dict("records")
+        part = ", ".join(f"{row['false_positives']:.2f} at α = {row['alpha']}" for row in rows)
         said.append(f"Δ = {delta:g}: at a recall of {recall:g}, {kind} accepts {part} of the unsafe states.")
     for (delta, outcome), own in found[found["effect"] != SLOPE].groupby(["delta", "outcome"], sort=False):
         parts = []

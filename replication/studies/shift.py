@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t
 
 from replication.evidence.measures import classification, labelled
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
-from replication.evidence.statistics import LEVEL
+from replication.evidence.statistics import contrast_interval
 from replication.studies.designs import AS_WRITTEN, VARIANTS, free_runs, tells
 from replication.studies.divergence import DOMAIN_CLASSIFIERS, domain_classifier
 from srlrepro.dynamics.closed_loop import ClosedLoop
@@ -111,42 +110,25 @@ def measure_universes(folders: Mapping[str, Path], measures: pd.DataFrame) -> pd
 
 
 def contrasts(table: pd.DataFrame) -> pd.DataFrame:
-    """Every variant against the data as written, by Welch's t-interval over datasets.
+    """Every variant against the data as written, by Welch's interval over datasets.
 
     Args:
         table: `RUN`, measure, value.
 
     Returns:
-        measure, delta, variant, n, mean, written (the mean as written), difference, low, high: 95 %. These
-        two are NaN where one of the means is of fewer than two datasets.
+        measure, delta, variant, n (datasets), mean, written (the mean as written), difference, low and
+        high, of 95 %. What too few datasets leave unknown is NaN, as of `contrast_interval`.
     """
     rows = []
     for (measure, delta), own in table.dropna(subset="value").groupby(["measure", "delta"], sort=False):
-        by = {str(variant): v.to_numpy() for variant, v in own.groupby("variant", sort=False)["value"]}
-        before = by.get(AS_WRITTEN, np.array([]))
-        for variant in [name for name in VARIANTS if name in by and name != AS_WRITTEN]:
-            after = by[variant]
-            low, high = welch(after, before)
-            means = after.mean(), before.mean() if len(before) else np.nan
-            rows.append((measure, delta, variant, len(after), *means, means[0] - means[1], low, high))
+        by = {name: own.loc[own["variant"] == name, "value"].to_numpy() for name in VARIANTS}
+        before = by.pop(AS_WRITTEN)
+        for variant, after in by.items():
+            if len(after) and len(before):
+                interval = contrast_interval([after, before], [1, -1])
+                rows.append((measure, delta, variant, len(after), after.mean(), before.mean(), *interval))
     columns = ["measure", "delta", "variant", "n", "mean", "written", "difference", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
-
-
-def welch(a: Floats, b: Floats) -> tuple[float, float]:
-    """95 % interval of the difference of the means of two samples, NaN where one has fewer than two values.
-
-    Where no sample varies, both ends are the difference itself.
-    """
-    if min(len(a), len(b)) < 2:
-        return float("nan"), float("nan")
-    errors = np.array([np.var(v, ddof=1) / len(v) for v in (a, b)])
-    middle, total = float(np.mean(a) - np.mean(b)), float(errors.sum())
-    if total == 0:
-        return middle, middle
-    freedom = total**2 / (np.square(errors) / [len(a) - 1, len(b) - 1]).sum()  # Satterthwaite
-    half = float(t.ppf((1 + LEVEL) / 2, freedom)) * total**0.5
-    return middle - half, middle + half
 
 
 def sentences(found: pd.DataFrame) -> list[str]:

@@ -64,4 +64,4 @@ def test_the_table_leaves_out_a_dataset_that_lacks_a_run() -> None:
     assert table.loc[0, "share"] == three.share and table.loc[0, "high"] == three.high
     assert np.isnan(table.loc[1, "share"]) and table.loc[1, "mean"] == 1
     said = sentences(table)
-    assert len(said) == len(JUDGED) and f"{three.share:.0%} [" in said[3] and "no share" in said[4]
+    assert len(said) == len(JUDGED) and f"α = 0: {three.share:.0%} [" in said[3] and "not known" in said[4]
