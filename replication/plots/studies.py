@@ -45,11 +45,10 @@ def plot_crossed(measures: pd.DataFrame, components: pd.DataFrame) -> Figure:
             bottom.bar(alphas, high - low, 0.6, low, color=shade, edgecolor=INK, linewidth=0.5)
             low = high
         known = rows.dropna(subset="share")
+        places = [alphas.index(alpha) + BESIDE_BAR for alpha in known.index]
         ends = [known["share"] - known["low"], known["high"] - known["share"]]
-        bottom.errorbar(
-            known.index, known["share"], ends, fmt="D", color=BACKGROUND, ecolor=GUIDE, markersize=4
-        )
-        bottom.set(xlabel=r"$\alpha$", ylim=(0, 1))
+        bottom.errorbar(places, known["share"], ends, fmt="D", color=INK, markersize=4, capsize=2)
+        bottom.set(xlabel=r"$\alpha$", ylim=(0, 1.02))
     axes[1, 0].set_ylabel("share of the variance")
     handles: list[Any] = [
         Line2D([], [], ls="", marker=MARKERS.get(a, "."), color=color(a), label=label(a)) for a in alphas
