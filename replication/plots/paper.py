@@ -1,6 +1,6 @@
 """The paper's figures, panel by panel."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import matplotlib as mpl
@@ -14,6 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import EngFormatter
 from numpy.typing import NDArray
 
+from replication.evidence.statistics import share_interval
 from replication.plots import style
 from replication.plots.style import ANY_CONDITION, BACKGROUND, GUIDE, INK, color, label
 from srlrepro.dynamics.closed_loop import Labels
@@ -49,7 +50,7 @@ def plot_states(ax: Axes, data: TrainingData, config: Config) -> None:
 
 def states_legend(laws: bool = True) -> list[Artist]:
     """Entries of the legend of `plot_states`; without ``laws``, of `plot_embedding`."""
-    entries = [
+    entries: list[Artist] = [
         _mark("o", style.SAFE, style.SAFE, "safe, $z = 1$"),
         _mark("o", style.UNSAFE, "none", "unsafe, $z = 0$"),
     ]
@@ -190,6 +191,45 @@ def _name_conditions(ax: Axes, names: list[str]) -> None:
     """Name the conditions below their values, upright where there are many."""
     ax.set_xticks(range(len(names)), [label(n) for n in names])
     ax.tick_params(axis="x", labelsize=7, labelrotation=90 if len(names) > 4 else 0)
+
+
+def plot_reliability(ax: Axes, table: pd.DataFrame, name: str, p_t: float) -> None:
+    """Observed share of safe states against the predicted Γ, in bins, for the region of one condition.
+
+    The interval of a share is Wilson's, at 95 %; the area of a marker grows with the share of the states.
+
+    table: columns predicted, observed (shares) and states (their number in the bin).
+    """
+    n = table["states"]
+    held = (n * table["observed"]).round().astype(int)
+    low, high = np.array([share_interval(a, b, method="wilson") for a, b in zip(held, n, strict=True)]).T
+    reach = np.maximum([table["observed"] - low, high - table["observed"]], 0)
+    ax.plot([0, 1], [0, 1], ":", color=GUIDE, zorder=0)
+    ax.axvline(p_t, color=GUIDE, linewidth=0.8, zorder=0)
+    bars: dict[str, Any] = {"fmt": "none", "ecolor": color(name), "elinewidth": 0.8}
+    ax.errorbar(table["predicted"], table["observed"], yerr=reach, **bars)
+    look: dict[str, Any] = {
+        "marker": style.marker(name),
+        "color": color(name),
+        "alpha": 0.8,
+        "clip_on": False,
+    }
+    ax.scatter(table["predicted"], table["observed"], _area(n / n.sum()), **look)
+    ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", xlabel=r"predicted $\Gamma(\Psi(x))$")
+
+
+def _area(share: pd.Series) -> pd.Series:
+    return 4 + 60 * share
+
+
+def reliability_legend(names: Iterable[str]) -> list[Artist]:
+    """Entries of the legend of `plot_reliability`: the conditions, and two sizes of markers."""
+    entries: list[Artist] = [_mark(style.marker(n), color(n), color(n), label(n)) for n in names]
+    for share in (0.01, 0.5):
+        size = float(_area(pd.Series([share]))[0]) ** 0.5
+        text = f"{100 * share:g} % of the states"
+        entries.append(Line2D([], [], ls="", marker="o", c=ANY_CONDITION, ms=size, label=text))
+    return [*entries, Line2D([], [], color=GUIDE, linewidth=0.8, label="$p_t$")]
 
 
 def plot_bound(ax: Axes, table: pd.DataFrame, stacked: str, marked: Mapping[str, str]) -> None:

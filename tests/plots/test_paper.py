@@ -16,7 +16,9 @@ from replication.plots.paper import (
     plot_embedding,
     plot_gamma,
     plot_learning,
+    plot_reliability,
     plot_states,
+    reliability_legend,
     states_legend,
 )
 from replication.plots.style import CONDITIONS, panels
@@ -95,6 +97,26 @@ def test_the_names_of_many_conditions_do_not_overlap() -> None:
     figure.canvas.draw()
     places = sorted((t.get_window_extent() for t in axes[0].get_xticklabels()), key=lambda box: float(box.x0))
     assert all(a.x1 <= b.x0 for a, b in pairwise(places))
+
+
+def test_reliability_shows_each_bin_with_its_interval_and_its_share_of_the_states() -> None:
+    """Wilson's interval of k of n, in closed form; markers of 10 and 90 % of the states."""
+    table = pd.DataFrame({"predicted": [0.2, 0.8], "observed": [0.5, 1.0], "states": [10, 90]})
+    _, axes = panels(1)
+    plot_reliability(axes[0], table, "0", 0.8)
+    bars, markers = axes[0].collections
+    z2 = 1.959964**2
+    expected = []
+    for share, n in ((0.5, 10), (1.0, 90)):
+        centre = (share + z2 / (2 * n)) / (1 + z2 / n)
+        half = np.sqrt(z2 * (share * (1 - share) / n + z2 / (4 * n**2))) / (1 + z2 / n)
+        expected.append([centre - half, centre + half])
+    assert np.array([s[:, 1] for s in bars.get_segments()]) == pytest.approx(np.array(expected), abs=1e-5)
+    assert markers.get_offsets().tolist() == [[0.2, 0.5], [0.8, 1.0]]
+    small_area, large_area = markers.get_sizes()
+    assert large_area > 5 * small_area
+    names = [entry.get_label() for entry in reliability_legend(["0", "1"])]
+    assert names[0] == r"$\alpha = 0$" and names[2:] == ["1 % of the states", "50 % of the states", "$p_t$"]
 
 
 def test_a_bound_is_stacked_from_its_terms() -> None:
