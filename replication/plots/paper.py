@@ -110,8 +110,8 @@ def _plot_labels(ax: Axes, points: Floats, z: Labels, marks: NDArray[np.str_], s
 def plot_learning(ax: Axes, curves: pd.DataFrame, column: str, top: float) -> None:
     """Fig. 3 (a)-(c): per condition the median over the seeds, the band of the middle half, and each seed.
 
-    All are means over a window of `SMOOTHED` of the steps. The frame ends at zero, where a curve comes that
-    far; below it an inset shows the first `START` of the steps as they are.
+    All are means over a window of `SMOOTHED` of the steps. The frame ends at zero, where all curves come so
+    far; below it an inset shows the first `START` of the steps as they are, if the curves have points there.
 
     Args:
         curves: columns alpha, seed, step and ``column``.
@@ -129,14 +129,19 @@ def plot_learning(ax: Axes, curves: pd.DataFrame, column: str, top: float) -> No
     ax.xaxis.set_major_formatter(EngFormatter(sep=""))
     ax.locator_params(axis="x", nbins=4)
     ax.set(xlabel="training step")
-    if max(float(t.median(axis=1).max()) for t in smooth.values()) < 0:  # so short that all is the start
+    if min(float(t.median(axis=1).max()) for t in smooth.values()) < 0:  # so short that all is the start
         return
-    ax.set(ylim=(-BELOW * top, (1 + MARGIN) * top), yticks=np.linspace(0, top, 5))
+    start = {name: table[table.index <= START * curves["step"].max()] for name, table in tables.items()}
+    shown = all(len(table) > 1 for table in start.values())
+    below = BELOW if shown else MARGIN
+    ax.set(ylim=(-below * top, (1 + MARGIN) * top), yticks=np.linspace(0, top, 5))
+    if not shown:
+        return
     ax.axhline(0, color=GUIDE, linewidth=0.8)
     height = (BELOW - 0.12) / (1 + BELOW + MARGIN)  # 0.12: room for the inset's labels
     inset = ax.inset_axes((0.42, 0.08, 0.53, height))
-    for name, table in tables.items():
-        _plot_seeds(inset, name, table[table.index <= START * curves["step"].max()], 0)
+    for name, table in start.items():
+        _plot_seeds(inset, name, table, 0)
     inset.xaxis.set_major_formatter(EngFormatter(sep=""))
     inset.tick_params(labelsize=5, length=2, pad=1)
     inset.locator_params(nbins=3)

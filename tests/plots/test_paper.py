@@ -63,6 +63,12 @@ def test_the_frame_ends_at_zero_and_an_inset_shows_the_start() -> None:
     assert {float(x) for line in inset.lines for x in line.get_xdata()} == {1.0, 2.0}  # two per cent of 100
 
 
+def test_without_points_at_the_start_there_is_no_inset() -> None:
+    _, axes = panels(1)
+    plot_learning(axes[0], curves(3, rows=20), "mean_return", 800.0)
+    assert not axes[0].child_axes and -100 < axes[0].get_ylim()[0] < 0
+
+
 def test_curves_that_never_come_to_zero_keep_their_own_range() -> None:
     _, axes = panels(1)
     low = curves(2).assign(mean_return=lambda t: t["mean_return"] - 1000)
