@@ -8,8 +8,8 @@ import pytest
 from matplotlib import colors
 from PIL import Image
 
-from replication.plots.pendulum import animate, animate_trials
-from replication.plots.style import CORRECTIVE, STAMP
+from replication.plots.pendulum import DPI, PANEL, TEXT, animate, animate_trials, draw_task
+from replication.plots.style import CORRECTIVE, STAMP, panels
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.pendulum import Pendulum
 from srlrepro.learner.trials import Trial
@@ -46,6 +46,29 @@ def test_an_animation_has_a_picture_per_stride_and_holds_its_end(tmp_path: Path)
     with Image.open(tmp_path / "a.gif") as picture:
         assert picture.n_frames == 21 + 10
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+
+
+def test_each_arc_of_the_task_spans_its_joint_angle() -> None:
+    """From the direction of the link before (dotted) to that of the link: as vectors, over each joint."""
+    angles, paper = np.array([0.6, -1.0, 1.1]), Config().paper
+    pose, zero = Pendulum().joints([[*angles, 0, 0, 0], [0] * 6])
+    _, axes = panels(1)
+    draw_task(axes[0], pose, zero, paper)
+    arcs = [line.get_xydata() for line in axes[0].lines if len(line.get_xydata()) == 30]
+    assert len(arcs) == 3
+    for arc, joint, angle, absolute in zip(arcs, pose, angles, np.cumsum(angles), strict=False):
+        from_vertical = np.arctan2(*(arc - joint).T)
+        assert from_vertical[-1] == pytest.approx(absolute) and np.ptp(from_vertical) == pytest.approx(
+            abs(angle)
+        )
+    words = {text.get_text() for text in axes[0].texts}
+    assert {r"$\theta_1$", r"$\theta_2$", r"$\theta_3$", "$p_e$"} <= words
+
+
+def test_the_words_of_an_animation_are_large_enough(tmp_path: Path) -> None:
+    leaning(tmp_path / "a.gif", "")
+    with Image.open(tmp_path / "a.gif") as picture:
+        assert picture.size == (round(PANEL * DPI), round(PANEL * DPI)) and TEXT * DPI / 72 > 12  # pixels
 
 
 @pytest.mark.parametrize("note", ["", "reduced: 3000 of 1500000 training steps; varied: p_t = 0.5"])
