@@ -1,4 +1,4 @@
-"""The pendulum moving: animations, and the task of Fig. 1."""
+"""The pendulum: animations, the task of Fig. 1, and what K makes of pushes and of other starts."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -6,25 +6,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from replication.plots import provenance
 from replication.plots.style import (
     CORRECTIVE,
+    GROUND,
     GUIDE,
     INK,
     LINK,
+    SAFE,
     STAMP,
     TARGET,
     TRACE,
+    UNSAFE,
     ZERO_POSE,
     fit_note,
 )
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
+from srlrepro.dynamics.closed_loop import OUTCOMES, RECOVERED, Labels, Rollouts
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.rendering import draw_pendulum
 from srlrepro.learner.trials import Trial
@@ -161,3 +167,65 @@ def _turn(before: float, along: Floats) -> float:
     """The joint angle in (−π, π] from the direction ``before`` to the vector ``along`` [2]."""
     turn = float(np.arctan2(*along)) - before
     return float(np.arctan2(np.sin(turn), np.cos(turn)))
+
+
+def plot_pushes(ax: Axes, pushes: Floats, rollouts: Rollouts, period: float) -> pd.DataFrame:
+    """θ1 over time after pushes [B] rad/s of the first link, from rollouts of K with their paths.
+
+    Numbers name the pushes: all from which K recovers; of the others, whose lines lie close together, the
+    smallest and the largest. period: s between two states of a path.
+
+    Returns:
+        What is drawn: push / (rad/s), outcome, time / s, theta1 / rad.
+    """
+    failed, drawn = pushes[rollouts.outcomes != RECOVERED], []
+    ends = {float(failed.min()): "left", float(failed.max()): "right"} if len(failed) else {}
+    for push, path, outcome, end in zip(
+        pushes, rollouts.paths, rollouts.outcomes, rollouts.durations, strict=True
+    ):
+        time = period * np.arange(len(path))
+        time, angle = time[time <= end], path[time <= end, 0]
+        tint, line = (SAFE, "-") if outcome == RECOVERED else (UNSAFE, "--")
+        ax.plot(time, angle, line, color=tint, linewidth=1)
+        below = outcome == RECOVERED
+        if below or push in ends:
+            top, side = int(angle.argmax()), "center" if below else ends[float(push)]
+            place = (0, -8 if below else 3)
+            ax.annotate(
+                f"{push:g}",
+                (time[top], angle[top]),
+                place,
+                textcoords="offset points",
+                ha=side,
+                color=tint,
+                fontsize=7,
+            )
+        of = {"push / (rad/s)": push, "outcome": OUTCOMES[outcome]}
+        drawn.append(pd.DataFrame(of | {"time / s": time, "theta1 / rad": angle}))
+    ax.axhline(np.pi / 2, color=GROUND, linewidth=3)
+    ax.set(xlabel="time / s", ylim=(None, 1.85))
+    return pd.concat(drawn, ignore_index=True)
+
+
+def pushes_legend() -> list[Artist]:
+    """Entries of the legend of `plot_pushes`."""
+    ground = Line2D([], [], color=GROUND, linewidth=3, label="the first link lies on the ground")
+    lines = (("-", SAFE, "recovered"), ("--", UNSAFE, "failed"))
+    return [*(Line2D([], [], ls=ls, c=tint, lw=1, label=text) for ls, tint, text in lines), ground]
+
+
+def refined_labels(predict: Callable[[Floats], Labels], grid: Floats, finer: int) -> Labels:
+    """Labels [N, M] of the states of a grid [N, M, d], where N − 1 and M − 1 are multiples of ``finer``.
+
+    Asked are every ``finer``-th row and column, and all states between such whose labels differ: a border is
+    found as on the whole grid, unless the coarse one steps over a piece of it.
+    """
+    coarse = grid[::finer, ::finer]
+    found = predict(coarse.reshape(-1, grid.shape[2])).reshape(coarse.shape[:2])
+    edge, (rows, columns) = np.pad(found, 1, mode="edge"), found.shape
+    near = [edge[i : i + rows, j : j + columns] != found for i in range(3) for j in range(3)]
+    nearest = np.ix_(*((np.arange(size) + finer // 2) // finer for size in grid.shape[:2]))
+    labels, asked = found[nearest], np.any(near, axis=0)[nearest]
+    if asked.any():
+        labels[asked] = predict(grid[asked])
+    return labels
