@@ -147,7 +147,7 @@ def test_a_figure_is_vector_raster_and_table_and_deterministic(tmp_path: Path) -
     files = []
     for folder in (tmp_path / "a", tmp_path / "b"):
         figure, axes = panels(1)
-        plot_learning(axes[0], CURVES, "mean_return")
+        plot_learning(axes[0], CURVES, "mean_return", 8.0)
         save_figure(figure, folder, "fig", CURVES, NOTE)
         files.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert sorted(files[0]) == ["fig.csv", "fig.pdf", "fig.png"]
