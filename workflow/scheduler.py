@@ -8,8 +8,8 @@ there are cores, so that only the end of a job makes room for another, and at th
 
 import sys
 
-from snakemake.cli import main
-from snakemake.scheduling.job_scheduler import JobScheduler
+from snakemake.cli import main  # type: ignore[import-untyped]
+from snakemake.scheduling.job_scheduler import JobScheduler  # type: ignore[import-untyped]
 
 
 def look_at_ends_alone() -> None:

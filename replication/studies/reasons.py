@@ -29,8 +29,9 @@ from srlrepro.settings.config import Config
 
 FINE = 96  # substeps of the integration that labels are compared with
 EMBEDDING_CHOICES = ("known_origin", "label_gap", "perplexity")
-# The state mappings Ψ that the calibration compares: neurons and penalties of a network, numbers of neighbours,
-# widths (half ranges) of kernels; and with each Γ's bandwidths (RMS radii) and pseudo-counts (shares of k).
+# The state mappings Ψ that the calibration compares: neurons and penalties of a network, numbers of
+# neighbours, widths (half ranges) of kernels; and with each Γ's bandwidths (RMS radii) and pseudo-counts
+# (shares of k).
 NETWORKS = ((16, 1.0), (32, 0.1), (32, 1.0), (32, 10.0), (64, 1.0))
 NEIGHBOURS, RIDGES, MEANS = (2, 4, 8, 16, 32), (0.5, 1.0, 2.0), (0.1, 0.2, 0.3)
 RIDGE = 0.1  # penalty of the kernel ridge: less or more is worse
