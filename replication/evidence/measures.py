@@ -33,7 +33,7 @@ from srlrepro.storage.files import read_table, write_table
 TEST_STATES = 5000  # per distribution: the standard error of a share is at most 0.007
 BINS = 10
 LAST_SHARE = 10  # the end of a training is the last tenth of its steps
-SATISFYING = 0.75  # of a perfect trial's return, as for "satisfying-policy" in claims.toml
+SATISFYING = 0.75  # of a perfect trial's return, as for "finds-satisfying-policy" in claims.toml
 BUDGETS = 6  # parts of a training, at the end of each of which it is judged as if it had ended there
 LABEL_EVERY = 25  # steps of a training between two labelled states, at least: nearer ones are much the same
 
