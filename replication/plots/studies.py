@@ -19,7 +19,7 @@ from replication.studies.designs import HYPOTHESES, THRESHOLDS, VARIANTS
 PARTS = {"dataset": INK, "learner": GUIDE, "residual": GRID}  # of the variance
 KINDS = {"tsne": "the paper's region", "svm": "SVM of the whole state"}
 BESIDE_BAR = 0.42  # from the middle of a bar to its interval
-CAUTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)  # that an axis names
+CAUTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0)  # that an axis names
 SPREAD = 0.22  # between α's or Δ's side by side, in units of the axis
 
 
@@ -122,7 +122,9 @@ def plot_caution(runs: pd.DataFrame) -> Figure:
                 values = np.exp(own[outcome]) if counted else own[outcome]
                 ax.scatter(own["caution"], values, 18, filled, linewidths=0.9, **look)
             ax.set(xscale="log", yscale="log" if counted else "linear")
+            shown = ax.get_xlim()  # which ticks would widen
             ax.set_xticks(CAUTIONS, [f"{c:g}" for c in CAUTIONS])
+            ax.set_xlim(shown)
             ax.xaxis.set_minor_formatter(NullFormatter())
     for ax, delta in zip(axes[0], deltas, strict=True):
         ax.set_title(rf"$\Delta = {delta:g}$")
