@@ -221,8 +221,9 @@ def refined_labels(predict: Callable[[Floats], Labels], grid: Floats, finer: int
     found as on the whole grid, unless the coarse one steps over a piece of it.
     """
     coarse = grid[::finer, ::finer]
-    found = predict(coarse.reshape(-1, grid.shape[2])).reshape(coarse.shape[:2])
-    edge, (rows, columns) = np.pad(found, 1, mode="edge"), found.shape
+    rows, columns = coarse.shape[:2]
+    found = predict(coarse.reshape(-1, grid.shape[2])).reshape(rows, columns)
+    edge = np.pad(found, 1, mode="edge")
     near = [edge[i : i + rows, j : j + columns] != found for i in range(3) for j in range(3)]
     nearest = np.ix_(*((np.arange(size) + finer // 2) // finer for size in grid.shape[:2]))
     labels, asked = found[nearest], np.any(near, axis=0)[nearest]
