@@ -90,6 +90,15 @@ class Region:
         """Name of its card."""
         return f"{self.name}.md"
 
+    @property
+    def psi(self) -> str:
+        """Its Ψ: the layers of a network, or how many neighbours."""
+        a = self.region.arrays_
+        if self.region.psi != "network":
+            return f"{a.neighbours} nearest neighbours"
+        sizes = [*a.network.first.shape, *a.network.last.shape]
+        return f"network {' → '.join(map(str, sizes))}"
+
 
 Stored = Policy | Region
 
