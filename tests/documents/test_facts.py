@@ -187,7 +187,7 @@ def test_a_multiverse_that_was_asked_about_other_tests_tells_nothing_of_these(
 
 
 def test_what_is_said_of_the_discrepancy_in_words_is_what_the_table_says() -> None:
-    table = pd.DataFrame(KEPT.table("seeds_10", "discrepancy_outcomes.csv")).sort_values("delta")
+    table = pd.DataFrame(KEPT.table(KEPT.grid, "discrepancy_outcomes.csv")).sort_values("delta")
     for _, cells in table.groupby("alpha"):
         assert all(cells[name].is_monotonic_increasing for name in ("unexplained", "surprises", "slower"))
 
