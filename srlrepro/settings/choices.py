@@ -120,7 +120,7 @@ class Choices:
     checkpoint_updates: int = chosen("none", 100, "[1, inf)", "", "updates between two checkpoints",
         "half a minute of work is lost at most")
     hypothesis: str = chosen("task", "tsne", "tsne|euclidean|pca|knn|svm|mlp|nominal|real", "",
-        "what the supervisor predicts safety with (`hypotheses`)",
+        "what the supervisor predicts safety with (`replication.studies.alternatives`)",
         "the paper's low-dimensional safe region; the others ask what the low dimension is worth")
     corrective: str = chosen("task", "K", "K|none", "",
         "what acts after an early stop: K, or nothing, and the trial ends all the same",
