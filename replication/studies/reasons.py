@@ -23,7 +23,7 @@ from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.trials import transitions, untrained
 from srlrepro.region.mapping import fit_network
 from srlrepro.region.safe_region import SafeRegion, learn_region
-from srlrepro.region.safety_map import RegionArrays, kernel_estimate, place_batch
+from srlrepro.region.safety_map import RegionArrays, place_batch
 from srlrepro.settings.condition import alpha_text
 from srlrepro.settings.config import Config
 
@@ -169,12 +169,15 @@ def mappings(
         new = fresh_states(alpha, data, config, n, seed)
         labels, new = nominal.predict(new), np.concatenate([new, np.zeros((1, scale.size))])
         for psi, places in _places(x / scale, y, new / scale, seed):
-            for width, prior in product(BANDWIDTHS, PRIORS):
-                gamma = kernel_estimate(places, y, z, width * radius, prior * len(y))
-                brier = float(((gamma[:-1] - labels) ** 2).mean())
-                rows.append(
-                    (psi, width, prior, f"α = {alpha_text(alpha)}", brier, gamma[-1] > config.paper.p_t)
-                )
+            squared = cdist(places, y, "sqeuclidean")
+            for width in BANDWIDTHS:  # as `kernel_estimate`, whose weights do not depend on the prior
+                weights = np.exp(-0.5 * squared / (width * radius) ** 2)
+                safe, every = weights @ z, weights.sum(axis=1)
+                for prior in PRIORS:
+                    gamma = safe / (every + prior * len(y))
+                    brier = float(((gamma[:-1] - labels) ** 2).mean())
+                    known = gamma[-1] > config.paper.p_t
+                    rows.append((psi, width, prior, f"α = {alpha_text(alpha)}", brier, known))
     of = ["Ψ", "bandwidth", "prior"]
     table = pd.DataFrame(rows, columns=[*of, "alpha", "brier", "origin"])
     means = table.pivot_table(index=of, columns="alpha", values="brier").assign(mean=lambda t: t.mean(axis=1))
