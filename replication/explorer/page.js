@@ -239,7 +239,7 @@
     });
     if (out) {
       const [a, b] = out, tip = EDGE - 1;
-      line(c, [[here[0] + 5 * a - 7 * b, here[1] + 5 * b + 7 * a], [here[0] + tip * a, here[1] + tip * b], [here[0] + 5 * a + 7 * b, here[1] + 5 * b - 7 * a]], ink.ink, 2.5);
+      line(c, [[here[0] + 5 * a - 7 * b, here[1] + 5 * b + 7 * a], [here[0] + tip * a, here[1] + tip * b], [here[0] + 5 * a + 7 * b, here[1] + 5 * b - 7 * a]], ink.background, 2.5);
     }
     dot(c, here, out ? 5 : 7, ink.background, ink.ink, 2.5);
     if (!now.h) line(c, [[here[0] - 3, here[1]], [here[0] + 3, here[1]]], ink.ink, 2);

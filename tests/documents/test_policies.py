@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,10 +102,26 @@ def test_cards_tell_what_the_files_hold(folder: Path, monkeypatch: pytest.Monkey
     assert "k = " not in free and "hidden_width" in free  # what was varied is said
     assert sha256(folder / "region__alpha_0.5__data_0.npz") in region
     assert SafeRegion.load(folder / "region__alpha_0.5__data_0.npz").digest() in region
+    assert "| network 6 → 32 → 32 → 2 |" in region and "- **Ψ**: a neural regression" in region
     for text in (index, supervised, free, region):
         assert not re.search(r"\bnan\b|\bNone\b|Undefined", text)
         for link in re.findall(r"\]\(([^)]+)\)", text):
             assert (folder / link).exists() or f"policies/{link}" in cards, link
+
+
+def test_a_card_tells_of_neighbours(small: Learned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = small[0]
+    other = CONFIG.with_values(psi="neighbours", gamma_evidence="held out", k=len(data.x) - 1)
+    region = SafeRegion.from_config(other).fit_embedding(data.x, data.z, data.x[:, :2])
+    assert data.made_of is not None
+    region.made_of_ = replace(data.made_of, values=other.until("region"))
+    folder = tmp_path / documents.POLICIES
+    folder.mkdir()
+    region.save(folder / "region__alpha_0.5__data_0.npz")
+    monkeypatch.setattr(documents, "ROOT", tmp_path)
+    card = documents.render("policies/region__alpha_0.5__data_0.md")
+    assert "| 16 nearest neighbours |" in card and "among their nearest neighbours" in card
+    assert "where Ψ puts states that it has not learned" in card and "network" not in card
 
 
 def test_seeds_that_were_trained_otherwise_share_no_card(folder: Path) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Page, chromium
 from learned import Learned
+from test_build import data_of, unpacked
 
+from replication.explorer.build import arms
 from replication.plots import style
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.settings.config import Config
@@ -189,22 +191,34 @@ def test_choices_redraw(tab: Page, page: Path) -> None:
     def turn(name: str, value: float) -> Any:
         code = f"const e = document.getElementById('{name}'); e.value = {value};"
         tab.run(f"(() => {{ {code} e.dispatchEvent(new Event('input')); }})()")
-        settle(tab)
+        settle(tab, 1000)
         return text(tab, "scores"), text(tab, "tested")
 
     first = text(tab, "scores")
-    strict, _ = turn("p_t", 0.95)
-    assert strict != first
+    bold, _ = turn("p_t", 0.02)
+    assert bold != first
     heavy, said = turn("delta", 4)
-    assert heavy != strict and said.startswith("Δ = 4.0")
-    seen = [text(tab, "how"), tab.run("document.getElementById('plane').toDataURL()")]
-    assert seen[0].startswith("Ψ is a small neural network") and "where t-SNE" in seen[0]
-    tab.run("document.querySelector('#arm [value=calibrated]').click()")
-    settle(tab)
-    assert text(tab, "scores") != heavy
-    assert text(tab, "how").startswith("Ψ(x) is the mean") and "learned from other states" in text(tab, "how")
-    assert tab.run("document.getElementById('plane').toDataURL()") != seen[1]
+    assert heavy != bold and said.startswith("Δ = 4.0")
     assert tab.complaints == []
+
+
+def test_the_other_arm_has_its_own_psi_and_scores(tab: Page, page: Path, small: Learned) -> None:
+    """At a threshold where the two take different numbers of test states for safe."""
+    x = unpacked(data_of(page)["test"]["uniform"]["x"]).reshape(-1, 6).astype(np.float64)
+    p = {name: arm.safety(x) for name, arm in arms(small[1]).items()}
+    found = {t: [int((p[name] > t).sum()) for name in p] for t in np.arange(0.1, 0.95, 0.05).round(2)}
+    p_t = next(t for t, counts in found.items() if len(set(counts)) == 2)
+    tab.open(page, *SIZES["desk"])
+    code = f"const e = document.getElementById('p_t'); e.value = {p_t}; e.dispatchEvent(new Event('input'))"
+    tab.run(f"(() => {{ {code} }})()")
+    said, planes = ("Ψ is a small neural network", "Ψ(x) is the mean"), set()
+    for name, count, words in zip(p, found[p_t], said, strict=True):
+        tab.run(f"document.querySelector('#arm [value=\"{name}\"]').click()")
+        settle(tab, 1500)
+        assert f"h takes {count} for safe" in text(tab, "scores")
+        assert text(tab, "how").startswith(words)
+        planes.add(tab.run("document.getElementById('plane').toDataURL()"))
+    assert len(planes) == 2 and tab.complaints == []
 
 
 def test_the_next_activation_is_found(tab: Page, page: Path) -> None:
