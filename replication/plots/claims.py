@@ -14,7 +14,7 @@ from scipy.special import expit
 
 from replication.evidence.claims import LAYERS, Claim
 from replication.evidence.verdicts import AS_WRITTEN, CALIBRATED, OVERALL, SIGNS, mean_failure
-from replication.plots.style import CONTRADICTS, INK, PAPERS_NUMBER, SUPPORTS, UNRESOLVED, color
+from replication.plots.style import BACKGROUND, CONTRADICTS, INK, PAPERS_NUMBER, SUPPORTS, UNRESOLVED, color
 
 TINTS = {SIGNS["reproduced"]: SUPPORTS, SIGNS["not reproduced"]: CONTRADICTS}
 TINTS |= {SIGNS["practically nothing"]: CONTRADICTS}  # the others are grey
@@ -108,7 +108,7 @@ def _arm(ax: Axes, arm: str, runs: pd.DataFrame, place: int) -> None:
     ax.scatter(middle_at + spread, rates, s=9, facecolor=face, edgecolor=tint, linewidth=0.7, alpha=0.6)
     middle, low, high = mean_failure(runs)
     ax.plot([middle_at, middle_at], [low, high], color=INK, linewidth=0.9)
-    ax.plot(middle_at, middle, "o", color=INK, markerfacecolor=INK if filled else "white", markersize=4)
+    ax.plot(middle_at, middle, "o", color=INK, markerfacecolor=INK if filled else BACKGROUND, markersize=4)
 
 
 def plot_failures(rates: pd.DataFrame, papers: Sequence[Claim], predictions: pd.DataFrame) -> Figure:
@@ -137,7 +137,7 @@ def plot_failures(rates: pd.DataFrame, papers: Sequence[Claim], predictions: pd.
     axes[0, 0].set_ylabel("share of activations in which K fails")
     handles = [
         Line2D(
-            [], [], marker="o", color=INK, markerfacecolor=INK if filled else "white", label=f"{arm}: mean"
+            [], [], marker="o", color=INK, markerfacecolor=INK if filled else BACKGROUND, label=f"{arm}: mean"
         )
         for arm, (filled, _) in ARMS.items()
         if arm in set(rates["arm"])
