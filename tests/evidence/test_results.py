@@ -53,7 +53,7 @@ def test_runs_are_a_table_of_counts(write_run: WriteRun, tmp_path: Path) -> None
     ("asked", "steps", "message"),
     [
         ({"p_t": 0.5}, None, "p_t = 0.8, not with 0.5"),
-        ({"gamma_evidence": "embedded"}, None, "gamma_evidence = held out, not with embedded"),
+        ({"gamma_evidence": "held out"}, None, "gamma_evidence = embedded, not with held out"),
         ({"checkpoint_updates": 1}, None, "checkpoint_updates"),
         ({}, 2000, "steps = 1000, not with 2000"),
     ],
