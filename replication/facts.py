@@ -298,6 +298,13 @@ class Facts:
         returns = table[table["measure"] == "final_return"]
         return (returns["after"] - returns["before"]).abs()
 
+    @property
+    def origins(self) -> Row:
+        """Regions learned from UD alone, without the origin as a state: how many, and how many deny it."""
+        rows = self.table(THREE, "choices_origin.csv")
+        gamma = [row["Γ(origin)"] for row in rows if not row["known origin"]]
+        return {"of": len(gamma), "denied": sum(value <= Paper.p_t for value in gamma)}
+
     def theorem(self) -> Row:
         """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""
         folder = self.figures / self.grid

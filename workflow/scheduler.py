@@ -2,8 +2,8 @@
 
 Its command line always sets a limit of jobs per time, and with one it looks for jobs to start again a second
 after every look. The end of each job begins such a chain: after n jobs it looks n times a second, at the
-inputs of all jobs that wait. After 70 of 342 jobs that took a quarter of a core. Here as many jobs run as
-there are cores, so that only the end of a job makes room for another, and at that end it looks anyway.
+inputs of all jobs that wait. Here as many jobs run as there are cores, so that only the end of a job makes
+room for another, and at that end it looks anyway.
 """
 
 import sys

@@ -74,7 +74,7 @@ class Choices:
         "Ψ: a small neural regression, or the mean of the nearest neighbours, weighted by inverse distance",
         "held-out calibration on nominal data, given the evidence: far better than neighbours of any number")
     psi_width: int = chosen("region", 32, "[1, 1024]", "", "Ψ: neurons in each of its two hidden layers",
-        "held-out calibration on nominal data; two layers as the learner's networks have")
+        "held-out calibration on nominal data: half as many are worse, twice as many hardly better")
     psi_penalty: float = chosen("region", 1.0, "[0, 1e6]", "", "Ψ: penalty on the squared weights",
         "held-out calibration on nominal data: better than a tenth or ten times as much")
     psi_neighbours: int = chosen("region", 16, "[1, 200]", "",
@@ -97,7 +97,7 @@ class Choices:
         "a cell is a fraction of the kernel width")
     known_origin: bool = chosen("region", True, "true|false", "",
         "the origin joins the training states of Ψ and Γ as one more safe state",
-        "set-up condition: the origin is known to be safe; without this, regions of α = 1 can deny it")
+        "set-up condition: the origin is known to be safe (Sec. II-A), and so no region shall deny it")
     data_per_seed: bool = chosen("learner", True, "true|false", "",
         "one training dataset per seed instead of one per α",
         "what holds for α must not hold for one draw of its data alone; the paper does not say")

@@ -197,6 +197,12 @@ def test_what_is_said_of_the_discrepancy_in_words_is_what_the_table_says() -> No
         assert all(cells[name].is_monotonic_increasing for name in ("unexplained", "surprises", "slower"))
 
 
+def test_regions_that_deny_the_origin_are_counted_without_those_that_know_it(larger: Path) -> None:
+    path, rows = larger / "full" / "choices_origin.csv", [(0, False, 0.8), (0, True, 0.5), (1, False, 0.81)]
+    pd.DataFrame(rows, columns=["dataset", "known origin", "Γ(origin)"]).to_csv(path, index=False)
+    assert Facts(ROOT, larger).origins == {"of": 2, "denied": 1}
+
+
 def test_theorem_counts_trainings_and_leaves_pools_out(larger: Path) -> None:
     path = larger / "seeds_10" / "theorem_divergence.csv"
     table = pd.read_csv(path)
