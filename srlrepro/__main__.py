@@ -70,7 +70,7 @@ def label(arguments: argparse.Namespace) -> None:
 def _region(arguments: argparse.Namespace, alpha: float | None, config: Config) -> Any:
     """The region of a run, from its file; None without a supervisor."""
     kind, file = config.choices.hypothesis, arguments.region
-    others = "tsne here; ./reproduce.sh --hypotheses trains under the others"
+    others = f"tsne here; ./reproduce.sh --set hypothesis={kind} trains under it"
     check(kind == "tsne", "hypothesis", kind, others)
     if alpha is None:
         check(file is None, "--region", file, "left out with --alpha none")

@@ -20,7 +20,6 @@ from srlrepro.learner.trials import evaluate
 from srlrepro.storage.files import ResultError
 from srlrepro.supervisor import QUIET, Info
 
-Alone = gym.Env[Any, Any]
 Kept = tuple[Path, int, dict[str, Any]]
 Report = Callable[[str], None]
 TRIAL_COLUMNS = ("step", "length", "return", "outcome", "activated", "recovery", "recovery_time")
@@ -57,7 +56,7 @@ class Recorder(RolloutCallback):
         stride: int,
         checkpoint: Kept | None,
         report: Report,
-        alone: Alone,
+        alone: gym.Env[Any, Any],
         every: int,
     ) -> None:
         super().__init__()

@@ -20,11 +20,10 @@ from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Loop, recover
 from srlrepro.dynamics.lqg import Gains
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.region.mapping import map_state
+from srlrepro.region.mapping import NONE, TABLE, map_state
 from srlrepro.region.safety_map import RegionArrays, look_up, query
 
 MAP, LINEAR, VOTE, NETWORK, KERNEL, LOOP = range(6)
-NONE, TABLE = np.zeros(0), np.zeros((0, 0))
 NO_GAINS: Gains = (TABLE, TABLE, TABLE, TABLE, 0.0)
 
 
@@ -113,7 +112,7 @@ class Hypothesis(Protocol):
 
 @runtime_checkable
 class CompiledHypothesis(Hypothesis, Protocol):
-    """A hypothesis that compiled code knows: h(x) = 1 if P(l(x) = 1) > p_t (`hypotheses`)."""
+    """A hypothesis that compiled code knows: h(x) = 1 if P(l(x) = 1) > p_t."""
 
     @property
     def p_t(self) -> float:

@@ -22,7 +22,7 @@ from srlrepro.dynamics.pendulum import Floats
 FAR = 1e6  # half ranges: beyond, all training states are equally far away
 ITERATIONS = 500  # of L-BFGS, at most: the score on held-out states has long ceased to change
 FOLDS = 10  # of the training states, each placed by a network that has learned the others
-TABLE, NONE = np.zeros((0, 0)), np.zeros(0)
+TABLE, NONE = np.zeros((0, 0)), np.zeros(0)  # in the place of what is not there
 
 
 class Network(NamedTuple):
@@ -44,6 +44,11 @@ def _regression(width: int, penalty: float, seed: int) -> Any:
     return MLPRegressor(hidden_layer_sizes=layers, solver="lbfgs", max_iter=ITERATIONS, **own)
 
 
+def _moments(y: Floats) -> tuple[Floats, float]:
+    """The mean [2] of the points [k, 2], and the standard deviation of all their coordinates."""
+    return y.mean(axis=0), float(y.std()) or 1.0
+
+
 @contextmanager
 def _stopped() -> Iterator[None]:
     """Without the warning that `ITERATIONS` end a fit: it is stopped, not left to converge."""
@@ -54,7 +59,7 @@ def _stopped() -> Iterator[None]:
 
 def fit_network(scaled: Floats, y: Floats, width: int, penalty: float, seed: int) -> Network:
     """The network of the pairs (s_i, y_i), [k, d] and [k, 2]; ``seed``: of its first weights."""
-    mean, spread = y.mean(axis=0), float(y.std()) or 1.0
+    mean, spread = _moments(y)
     model = _regression(width, penalty, seed)
     with _stopped():
         model.fit(scaled, (y - mean) / spread)
@@ -68,7 +73,7 @@ def held_out_places(scaled: Floats, y: Floats, width: int, penalty: float, seed:
     """[k, 2]: each s_i [d] as placed by a network that has learned from the other folds alone."""
     from sklearn.model_selection import KFold, cross_val_predict
 
-    mean, spread = y.mean(axis=0), float(y.std()) or 1.0
+    mean, spread = _moments(y)
     folds = KFold(min(FOLDS, len(y)), shuffle=True, random_state=seed)
     with _stopped():
         model = _regression(width, penalty, seed)
