@@ -27,6 +27,7 @@ from replication.evidence.verdicts import (
     rows,
 )
 from replication.studies import multiverse
+from replication.studies.discrepancy import KINDS
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -304,6 +305,18 @@ class Facts:
         rows = self.table(THREE, "choices_origin.csv")
         gamma = [row["Γ(origin)"] for row in rows if not row["known origin"]]
         return {"of": len(gamma), "denied": sum(value <= Paper.p_t for value in gamma)}
+
+    def explored(self) -> Row:
+        """Which measures of discrepancy rise with Δ, and at each Δ the α with most reward that keeps p_t."""
+        folder = self.figures / self.grid
+        by_delta = (
+            read_table(folder / "discrepancy.csv", ("delta", *KINDS)).groupby("delta")[list(KINDS)].mean()
+        )
+        outcomes = self.table(self.grid, "discrepancy_outcomes.csv")
+        kept = [row for row in outcomes if (row["success_rate"] or 0) >= Paper.p_t]
+        most = {row["delta"]: row["alpha"] for row in sorted(kept, key=lambda row: row["final_return"])}
+        chosen = {row["delta"]: most.get(row["delta"]) for row in outcomes}
+        return {"rise": [kind for kind in KINDS if by_delta[kind].is_monotonic_increasing], "alpha": chosen}
 
     def theorem(self) -> Row:
         """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""

@@ -78,7 +78,7 @@ def test_a_region_is_learned_with_the_values_of_its_data_alone(
     ("setting", "words"),
     [
         ("p_t=0.5", "p_t = 0.5: must be 0.8"),
-        ("gamma_evidence=embedded", "gamma_evidence = embedded: must be held out"),
+        ("gamma_evidence=held out", "gamma_evidence = held out: must be embedded"),
         ("psi_neighbours=4", "psi_neighbours = 4: must be 16"),
         ("known_origin=false", "known_origin = False: must be True"),
         ("gravity=9", "gravity = 9.0: must be 9.81"),

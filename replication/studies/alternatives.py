@@ -29,7 +29,8 @@ from sklearn.svm import SVC
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, as_states
 from srlrepro.region import hypothesis as kinds
-from srlrepro.region.hypothesis import NONE, TABLE, CompiledHypothesis, Posterior
+from srlrepro.region.hypothesis import CompiledHypothesis, Posterior
+from srlrepro.region.mapping import NO_TABLE, NO_VALUES
 from srlrepro.region.safe_region import SafeRegion, learn_region
 from srlrepro.region.safety_map import RegionArrays, discretise
 from srlrepro.region.tsne import embed
@@ -83,7 +84,7 @@ def _pca(x: Floats, z: Labels, config: Config) -> Posterior:
     grid = discretise(
         places, places, z, c.gamma_bandwidth, c.gamma_prior * len(x), c.gamma_cells, c.gamma_empty
     )
-    region = RegionArrays(scale, TABLE, TABLE, 0, *grid)
+    region = RegionArrays(scale, NO_TABLE, NO_TABLE, 0, *grid)
     plane = pca.components_
     return Posterior(kinds.LINEAR, region, np.ascontiguousarray(plane), -plane @ pca.mean_)
 
@@ -94,7 +95,7 @@ def _knn(x: Floats, z: Labels, config: Config) -> Posterior:
     votes = np.column_stack([z, np.zeros(len(z))]).astype(np.float64)
     neighbours = min(config.choices.psi_neighbours, len(x))
     x_train = np.ascontiguousarray((x / scale).T)
-    return Posterior(kinds.VOTE, RegionArrays(scale, x_train, votes, neighbours, TABLE, NONE, 0.0))
+    return Posterior(kinds.VOTE, RegionArrays(scale, x_train, votes, neighbours, NO_TABLE, NO_VALUES, 0.0))
 
 
 def fit_svm(s: Floats, z: Labels, seed: int) -> CalibratedClassifierCV:
@@ -110,7 +111,7 @@ def _svm(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     svm, sigmoid = calibrated.estimator, calibrated.calibrators[0]
     width = float(1.0 / (s.shape[1] * s.var()))  # gamma="scale", the default
     bias = float(-sigmoid.a_ * svm.intercept_[0] - sigmoid.b_)  # Platt: P = 1 / (1 + exp(a f + b))
-    region = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0)
+    region = RegionArrays(scale, NO_TABLE, NO_TABLE, 0, NO_TABLE, NO_VALUES, 0.0)
     vectors, weights = np.ascontiguousarray(svm.support_vectors_), -sigmoid.a_ * svm.dual_coef_[0]
     return Posterior(kinds.KERNEL, region, vectors, weights=weights, bias=bias, width=width)
 
@@ -128,7 +129,10 @@ def _mlp(x: Floats, z: Labels, config: Config, seed: int) -> Posterior:
     scale = np.array(config.paper.state_max)
     mlp = fit_mlp(x / scale, z, seed)
     (hidden, out), (offsets, bias) = mlp.coefs_, mlp.intercepts_
-    region, weights = RegionArrays(scale, TABLE, TABLE, 0, TABLE, NONE, 0.0), np.ascontiguousarray(hidden.T)
+    region, weights = (
+        RegionArrays(scale, NO_TABLE, NO_TABLE, 0, NO_TABLE, NO_VALUES, 0.0),
+        np.ascontiguousarray(hidden.T),
+    )
     return Posterior(kinds.NETWORK, region, weights, offsets, out[:, 0].copy(), float(bias[0]))
 
 

@@ -20,11 +20,11 @@ from srlrepro.compiled.jit import inner, jit
 from srlrepro.dynamics.closed_loop import RECOVERED, Labels, Loop, recover
 from srlrepro.dynamics.lqg import Gains
 from srlrepro.dynamics.pendulum import Floats
-from srlrepro.region.mapping import NONE, TABLE, map_state
+from srlrepro.region.mapping import NO_TABLE, NO_VALUES, map_state
 from srlrepro.region.safety_map import RegionArrays, look_up, query
 
 MAP, LINEAR, VOTE, NETWORK, KERNEL, LOOP = range(6)
-NO_GAINS: Gains = (TABLE, TABLE, TABLE, TABLE, 0.0)
+NO_GAINS: Gains = (NO_TABLE, NO_TABLE, NO_TABLE, NO_TABLE, 0.0)
 
 
 class Posterior(NamedTuple):
@@ -35,10 +35,10 @@ class Posterior(NamedTuple):
     """
 
     kind: int = MAP
-    region: RegionArrays = RegionArrays(NONE, TABLE, TABLE, 0, TABLE, NONE, 0.0)
-    rows: Floats = TABLE  # [H, d] A, W, or the support vectors s_i
-    offsets: Floats = NONE  # [H] b
-    weights: Floats = NONE  # [H] w
+    region: RegionArrays = RegionArrays(NO_VALUES, NO_TABLE, NO_TABLE, 0, NO_TABLE, NO_VALUES, 0.0)
+    rows: Floats = NO_TABLE  # [H, d] A, W, or the support vectors s_i
+    offsets: Floats = NO_VALUES  # [H] b
+    weights: Floats = NO_VALUES  # [H] w
     bias: float = 0.0  # c
     width: float = 0.0  # γ
     loop: Loop | None = None  # of the system that `LOOP` simulates

@@ -22,18 +22,18 @@ from srlrepro.dynamics.pendulum import Floats
 FAR = 1e6  # half ranges: beyond, all training states are equally far away
 ITERATIONS = 500  # of L-BFGS, at most: the score on held-out states has long ceased to change
 FOLDS = 10  # of the training states, each placed by a network that has learned the others
-TABLE, NONE = np.zeros((0, 0)), np.zeros(0)  # in the place of what is not there
+NO_TABLE, NO_VALUES = np.zeros((0, 0)), np.zeros(0)  # in the place of what is not there
 
 
 class Network(NamedTuple):
     """The weights of a perceptron [d] → [H] → [H] → [2], a row for each unit before; empty: there is none."""
 
-    first: Floats = TABLE  # [d, H]
-    first_bias: Floats = NONE  # [H]
-    second: Floats = TABLE  # [H, H]
-    second_bias: Floats = NONE  # [H]
-    last: Floats = TABLE  # [H, 2]
-    last_bias: Floats = NONE  # [2]
+    first: Floats = NO_TABLE  # [d, H]
+    first_bias: Floats = NO_VALUES  # [H]
+    second: Floats = NO_TABLE  # [H, H]
+    second_bias: Floats = NO_VALUES  # [H]
+    last: Floats = NO_TABLE  # [H, 2]
+    last_bias: Floats = NO_VALUES  # [2]
 
 
 def _regression(width: int, penalty: float, seed: int) -> Any:

@@ -203,6 +203,21 @@ def test_regions_that_deny_the_origin_are_counted_without_those_that_know_it(lar
     assert Facts(ROOT, larger).origins == {"of": 2, "denied": 1}
 
 
+def test_what_rises_with_delta_and_which_alpha_a_user_would_take_are_read(larger: Path) -> None:
+    explored, got = (larger / "seeds_10" / f"discrepancy{name}.csv" for name in ("", "_outcomes"))
+    rows = [
+        (1.1, 0.1, 0.2, 0.3),
+        (1.1, 0.3, 0.2, 0.3),
+        (4, 0.25, 0.1, 0.3),
+    ]
+    pd.DataFrame(rows, columns=["delta", "unexplained", "surprises", "slower"]).to_csv(explored, index=False)
+    rows = [(1.1, 0, 0.9, 500), (1.1, 1, 0.7, 700), (1.1, 0.5, 0.8, 600), (1.5, 0, 0.79, 700)]
+    columns = ["delta", "alpha", "success_rate", "final_return"]
+    pd.DataFrame(rows, columns=columns).to_csv(got, index=False)
+    found = Facts(ROOT, larger).explored()
+    assert found == {"rise": ["unexplained", "slower"], "alpha": {1.1: 0.5, 1.5: None}}
+
+
 def test_theorem_counts_trainings_and_leaves_pools_out(larger: Path) -> None:
     path = larger / "seeds_10" / "theorem_divergence.csv"
     table = pd.read_csv(path)

@@ -22,7 +22,8 @@ from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.lqg import LQG
 from srlrepro.learner.trials import transitions, untrained
-from srlrepro.region.hypothesis import NETWORK, NONE, TABLE, Posterior
+from srlrepro.region.hypothesis import NETWORK, Posterior
+from srlrepro.region.mapping import NO_TABLE, NO_VALUES
 from srlrepro.region.safety_map import RegionArrays
 from srlrepro.settings.config import Config
 from srlrepro.supervisor import Supervisor
@@ -36,7 +37,7 @@ def narrow() -> Predictor:
     """Safe while |θ1| < 0.2 rad: K is activated in time to recover. Two steep tanh, one at each border."""
     rows = np.zeros((2, 6))
     rows[:, 0] = STEEP * SCALE[0]
-    region = RegionArrays(SCALE, TABLE, TABLE, 0, TABLE, NONE, 0.0)
+    region = RegionArrays(SCALE, NO_TABLE, NO_TABLE, 0, NO_TABLE, NO_VALUES, 0.0)
     borders, weights = STEEP * np.array([0.2, -0.2]), STEEP * np.array([1.0, -1.0])
     return Predictor(Posterior(NETWORK, region, rows, borders, weights, -STEEP), 0.5)
 

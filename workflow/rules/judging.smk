@@ -82,17 +82,20 @@ rule theorem:
         execute("12_theorem")
 
 
+EXPLORED = DATA_SEEDS if config["values"]["data_per_seed"] else DATA_SEEDS[:1]  # the datasets behind the runs
+
+
 rule discrepancy:
     input:
         notebook("16_discrepancy"),
         expand(f"{RESULTS}/runs/{{run}}/measures.csv", run=RUNS),
-        LEARNED,
+        learned(EXPLORED),
     output:
         notebook=f"{EXECUTED}/16_discrepancy.ipynb",
         figure=f"{FIGURES}/discrepancy.pdf",
         tables=expand(f"{FIGURES}/discrepancy_{{table}}.csv", table=["outcomes", "ranks"]),
     params:
         values=config["values"],
-        parameters=judging(RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, REPEATS=5, DATA_SEED=DATA_SEEDS[0]),
+        parameters=judging(RUNS=RUNS, ALPHAS=REGIONS, DELTAS=sorted({1.0, *DELTAS, 1.25, 2.0, 2.8}), TRIALS=200, DATA_SEEDS=EXPLORED),
     shell:
         execute("16_discrepancy")
