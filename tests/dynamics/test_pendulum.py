@@ -299,11 +299,11 @@ PREDICTION = """
 import numpy as np
 from srlrepro import SafeRegion
 x = np.random.default_rng(0).normal(size=(20, 6))
-region = SafeRegion(gamma_evidence="embedded").fit_embedding(x, np.ones(20), x[:, :2])
+region = SafeRegion().fit_embedding(x, np.ones(20), x[:, :2])
 print(region.safety(x[:1])[0] > 0.1)
 """
 NOTHING_MOVES = "\n\n@jit\ndef derivative(c, x, u):\n    return c.upright\n"
-ALL_FAR_AWAY = "\n\n@jit\ndef map_state(scale, x_train, y_train, neighbours, skip, x):\n    return 1e9, 1e9\n"
+ALL_FAR_AWAY = "\n\n@jit\ndef apply_network(network, scale, x):\n    return 1e9, 1e9\n"
 
 
 @pytest.mark.slow
