@@ -42,7 +42,7 @@ def processes(checkout: Path) -> dict[str, list[psutil.Process]]:
     kinds = {
         "driver": "workflow.driver",
         "lifeline": "workflow.lifeline",
-        "workflow": "snakemake",
+        "workflow": "workflow.scheduler",
         "notebook": "execute",
         "kernel": "ipykernel_launcher",
     }

@@ -113,11 +113,14 @@ def test_killed_at_random_moments_nothing_is_lost(
     for n in range(request.config.getoption("--kills", default=4)):
         victim, stage, later = VICTIMS[n % len(VICTIMS)], rng.choice(list(STAGES)), rng.uniform(0.0, LATER)
         before, kept, killed = disturbed.reached(stage), True, False
+        until = time.monotonic() + grid.LIMIT
         while disturbed.reached(stage) <= before:
+            assert time.monotonic() < until, f"the stage {stage} is never reached"
             kept = disturbed.go_on() and kept
             time.sleep(0.2)
         time.sleep(later)
         while not killed:
+            assert time.monotonic() < until, f"there is no {victim} to kill"
             kept = disturbed.go_on() and kept
             killed = kill(victim, checkout)
             time.sleep(0.2)
