@@ -151,7 +151,7 @@ def facts(folder: Path, card: str) -> tuple[str, dict[str, Any]]:
 
     Raises:
         ResultError: a file is damaged or holds something else than its name says, or the seeds of a card were
-            trained with different values or code.
+            trained with different values or steps.
     """
     paths = cards(folder)
     if card == INDEX:
@@ -169,7 +169,7 @@ def facts(folder: Path, card: str) -> tuple[str, dict[str, Any]]:
     if isinstance(first, Region):
         return "region", {"item": first, "digest": sha256(first.path), "varied": varied(first.made_of.values)}
     policies = [item for item in items if isinstance(item, Policy)]
-    same = ("config", "code", "steps_done")
+    same = ("config", "steps_done")
     if any(item.arrays.record.get(n) != first.arrays.record.get(n) for item in policies for n in same):
         raise ResultError(f"{first.path.with_name(card)}: its seeds were not trained alike")
     regions = [Region(path) for path in folder.glob(f"{REGION}*.npz")]

@@ -133,9 +133,8 @@ class TrainedPolicy:
 
 
 def record_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """What a policy tells of its training: all that run.json says, but of its provenance the code alone."""
-    kept = {name: value for name, value in result.items() if name != "provenance"}
-    return kept | {"code": result["provenance"]["code"]}
+    """What a policy tells of its training: all that run.json says, but its provenance."""
+    return {name: value for name, value in result.items() if name != "provenance"}
 
 
 def load_policy(path: Path) -> TrainedPolicy:
