@@ -176,7 +176,8 @@ def plot_counts(ax: Axes, counts: pd.DataFrame, kinds: Mapping[str, str]) -> Non
                 ax.plot([place - half, place + half], [found.median()] * 2, color=INK, linewidth=1.2)
     ax.set_yscale("symlog", linthresh=1)
     most = float(np.nanmax(counts[list(kinds)].to_numpy(np.float64), initial=10.0))
-    ax.set_ylim(-0.3, 10 ** np.ceil(np.log10(2 * most)))  # a marker at the top is whole
+    top = max(10 ** np.ceil(np.log10(2 * most)), ax.get_ylim()[1])  # of all panels, with whole markers
+    ax.set_ylim(-0.3, top)
     ax.grid(axis="y", color=style.GRID)
     ax.set_axisbelow(True)
     _name_conditions(ax, names)

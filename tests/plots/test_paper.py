@@ -96,6 +96,13 @@ def test_markers_are_seeds_and_lines_their_medians_where_there_is_something_to_c
     assert [e.get_label() for e in counts_legend({"falls": "v"})] == ["falls", "median of the seeds"]
 
 
+def test_the_largest_count_of_all_panels_is_whole_on_their_axis() -> None:
+    _, axes = panels(2, sharey=True)
+    for ax, most in zip(axes, (90_000, 40), strict=True):
+        plot_counts(ax, pd.DataFrame({"alpha": "0", "seed": range(2), "falls": [1, most]}), {"falls": "v"})
+    assert all(ax.get_ylim() == (-0.3, 1e6) for ax in axes)
+
+
 def test_the_names_of_many_conditions_do_not_overlap() -> None:
     alphas = ["0", "0.25", "0.5", "0.75", "1", "none"]
     figure, axes = panels(1)
