@@ -9,7 +9,7 @@ from srlrepro.storage.files import beside, existing, sha256
 
 DIGESTS = "sha256.txt"
 SET = "workflow.json"  # in a folder of figures: the configuration of the workflow that made the set
-WITH_DIGESTS = ("*.csv", "*.md", SET, "records.json", "records/*")
+WITH_DIGESTS = ("*.csv", "*.md", "api/*.md", SET, "records.json", "records/*")
 
 
 def digests(folder: Path) -> dict[str, str]:

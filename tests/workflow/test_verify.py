@@ -249,10 +249,10 @@ def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 def test_a_changed_digit_is_found_wherever_it_is(copies: list[Path]) -> None:
     """In every kind of file: tables of results and of docs/, README, REPORT, and pages, rendered or not."""
     rng, top = np.random.default_rng(13), verify.ROOT
-    assert len(copies) > CHANGES and verify.attempt(verify.of_documents) == []
+    assert verify.attempt(verify.of_documents) == []
     numbered = [path for path in copies if re.search(rb"[0-9]", path.read_bytes())]
-    files = [numbered[i] for i in rng.permutation(len(numbered))[:CHANGES]]
-    for file in {*files, top / "README.md", top / "REPORT.md"}:
+    files = [numbered[i] for i in rng.integers(len(numbered), size=CHANGES)]  # however many files there are
+    for file in [*files, top / "README.md", top / "REPORT.md"]:
         text = file.read_bytes()
         digits = [i for i, byte in enumerate(text) if chr(byte).isdigit()]
         place = rng.choice(digits)
