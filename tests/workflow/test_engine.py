@@ -136,9 +136,9 @@ def test_a_time_is_kept_by_the_explicit_command_alone(
     assert end.value.code == 2 and "NAME = many: must be results here that were timed (few)" in said
 
 
-def test_what_draws_shared_figures_records_the_shared_command(tmp_path: Path) -> None:
-    """The shell commands that Snakemake would run for a set of more seeds."""
-    write_json(path := tmp_path / "workflow.json", planned("--seeds", "4", "--steps", "64"))
+def shell_commands(path: Path, *arguments: str) -> str:
+    """What Snakemake says that it would run for a command line of the driver."""
+    write_json(path, planned(*arguments))
     command = [
         "snakemake",
         "all",
@@ -152,7 +152,26 @@ def test_what_draws_shared_figures_records_the_shared_command(tmp_path: Path) ->
     done = subprocess.run(
         [sys.executable, "-m", *command, str(path)], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    said = re.findall(r"SRLREPRO_COMMAND='([^']*)' \S+ -m workflow execute notebooks/(\w+)", done.stdout)
+    return done.stdout
+
+
+def test_what_a_set_of_more_seeds_shares_is_made_by_the_same_command(tmp_path: Path) -> None:
+    """So that what is there is not made again: Snakemake makes anew what another command would make."""
+    few, more = (
+        {line.split(" execute ")[1].split()[1]: line for line in printed.splitlines() if " execute " in line}
+        for printed in (
+            shell_commands(tmp_path / "workflow.json", "--steps", "64", "--seeds", seeds) for seeds in "34"
+        )
+    )
+    shared = few.keys() & more.keys()
+    assert {name: few[name] for name in shared} == {name: more[name] for name in shared}
+    trained = {name for name in more if "05_training_run" in name}
+    assert len(trained) == 48 and len(trained & shared) == 36 < len(shared)
+
+
+def test_what_draws_shared_figures_records_the_shared_command(tmp_path: Path) -> None:
+    printed = shell_commands(tmp_path / "workflow.json", "--seeds", "4", "--steps", "64")
+    said = re.findall(r"SRLREPRO_COMMAND='([^']*)' \S+ -m workflow execute notebooks/(\w+)", printed)
     by = {notebook: command for command, notebook in said}
     assert by["01_pendulum"] == by["11_behaviour"] == "./reproduce.sh --steps 64"
     assert by["06_learning_performance"] == by["08_claims"] == "./reproduce.sh --seeds 4 --steps 64"
