@@ -19,6 +19,8 @@ PUBLIC = {  # name: the module that holds it
     "LQG": "srlrepro.dynamics.lqg",
     "ClosedLoop": "srlrepro.dynamics.closed_loop",
     "RecoveryRule": "srlrepro.dynamics.closed_loop",
+    "StateRule": "srlrepro.dynamics.stepped_loop",
+    "SteppedLoop": "srlrepro.dynamics.stepped_loop",
     "ThreeLinkCircleEnv": "srlrepro.dynamics.circle_env",
     "MultivariateNormal": "srlrepro.samplers",
     "TrainingData": "srlrepro.samplers",

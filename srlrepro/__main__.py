@@ -49,7 +49,7 @@ def region(arguments: argparse.Namespace) -> None:
     require_made_of(data.made_of, config, "data", where=arguments.data)
     region = learn_region(data, config, seed)
     region.save(arguments.out)
-    safety = region.safety([0.0] * len(region.state_max))[0]
+    safety = region.safety([0.0] * region.n_features_in_)[0]
     print(f"Γ at the origin is {safety:.3f}, p_t is {region.p_t}: {arguments.out}")
 
 

@@ -1,8 +1,11 @@
-"""The supervisor's state machine (eq. 6), driven by scripted hypotheses, and the ideal hypothesis (eq. 3)."""
+"""The supervisor's state machine (eq. 6), driven by scripted hypotheses, and the ideal hypothesis (eq. 3).
+
+On the task with K compiled, with the same K stepped as anybody's own, and on another environment.
+"""
 
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -13,10 +16,12 @@ from sklearn.svm import SVC
 from srlrepro import ENVIRONMENT
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
-from srlrepro.dynamics.lqg import LQG
+from srlrepro.dynamics.lqg import LQG, lqg_update
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.rendering import PendulumView
+from srlrepro.dynamics.stepped_loop import StateRule
 from srlrepro.region.hypothesis import Hypothesis
+from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
 from srlrepro.supervisor import Supervisor
@@ -39,8 +44,39 @@ def unsafe_at(query: int) -> Hypothesis:
     return SimpleNamespace(predict=predict, asked=asked)
 
 
-def supervise(region: Hypothesis, delta: float = 1.0, **values: Any) -> Supervisor:
+UNIT = 64.0  # N·m of an action of 1: a power of two, by which K's torques are divided without rounding
+Supervise = Callable[..., Supervisor]
+
+
+class OwnLQG:
+    """K once more as a controller that somebody brings: an action at a time, with a memory of its own."""
+
+    def __init__(self) -> None:
+        self.gains, self.xbar = LQG().arrays, np.zeros(6)
+
+    def reset(self, x: Floats) -> None:
+        self.xbar = x.copy()
+
+    def action(self, x: Floats) -> Floats:
+        u = np.zeros(3)
+        lqg_update(self.gains, self.xbar, x, u)
+        return u / UNIT
+
+
+def compiled(region: Hypothesis, delta: float = 1.0, **values: Any) -> Supervisor:
     return Supervisor(ThreeLinkCircleEnv(delta, config=Config().with_values(**values)), region, LQG())
+
+
+def stepped(region: Hypothesis, delta: float = 1.0, **values: Any) -> Supervisor:
+    config = Config().with_values(**{"action_unit": UNIT} | values)
+    return Supervisor(ThreeLinkCircleEnv(delta, config=config), region, OwnLQG())
+
+
+@pytest.fixture(params=[compiled, stepped])
+def supervise(request: pytest.FixtureRequest) -> Supervise:
+    """A supervisor of the task, whose K is run by compiled code or step by step."""
+    made: Supervise = request.param
+    return made
 
 
 def random_policy(seed: int) -> Callable[[], Floats]:
@@ -60,8 +96,9 @@ def trial(
 
 
 @pytest.mark.parametrize("query", [1, 2, 30])
-def test_the_policy_acts_until_the_first_state_predicted_unsafe(query: int) -> None:
-    env, plain = supervise(unsafe_at(query)), ThreeLinkCircleEnv()
+def test_the_policy_acts_until_the_first_state_predicted_unsafe(supervise: Supervise, query: int) -> None:
+    env = supervise(unsafe_at(query))
+    plain = ThreeLinkCircleEnv(config=env.task.config)
     observation, info = env.reset()
     np.testing.assert_array_equal(observation, plain.reset()[0])
     assert info == {"outcome": "", **QUIET}
@@ -75,10 +112,11 @@ def test_the_policy_acts_until_the_first_state_predicted_unsafe(query: int) -> N
         assert found[2:] == [last, False]
         assert info["activated"] is last
         assert info["outcome"] == ("supervised" if last else "")
-    np.testing.assert_array_equal(env.task.state, plain.state)
+    assert env.recovery is not None
+    np.testing.assert_array_equal(env.recovery.paths[0, 0], plain.state)
 
 
-def test_the_hypothesis_reads_every_state_once() -> None:
+def test_the_hypothesis_reads_every_state_once(supervise: Supervise) -> None:
     region = unsafe_at(1000)
     env = supervise(region, trial_length=0.1)
     states = []
@@ -102,32 +140,37 @@ def test_the_hypothesis_reads_every_state_once() -> None:
 )
 @pytest.mark.parametrize("early_stop", ["terminate", "truncate"])
 def test_k_recovers_or_fails_and_the_trial_ends(
-    start: Any, values: dict[str, Any], outcome: str, early_stop: str
+    supervise: Supervise, start: Any, values: dict[str, Any], outcome: str, early_stop: str
 ) -> None:
     env = supervise(unsafe_at(1), early_stop=early_stop, **values)
     (step,) = trial(env, start=start)
     assert step[2:4] == ((True, False) if early_stop == "terminate" else (False, True))
     info = step[4]
     assert (info["activated"], info["outcome"], info["recovery"]) == (True, "supervised", outcome)
-    expected = env.loop.rollout(env.task.state)
+    assert env.recovery is not None
+    loop = ClosedLoop.from_config(env.task.config)
+    expected = loop.rollout(env.recovery.paths[0, 0])
     assert info["recovery_time"] == expected.durations[0]
     assert (info["recovery_time"] == 0) == (start == [0.0] * 6)
 
 
 @pytest.mark.parametrize("delta", [1.0, 1.5, 4.0])
-def test_k_of_the_nominal_system_runs_on_the_real_one_from_the_unsafe_state(delta: float) -> None:
+def test_k_of_the_nominal_system_runs_on_the_real_one_from_the_unsafe_state(
+    supervise: Supervise, delta: float
+) -> None:
     env = supervise(unsafe_at(5), delta)
     trial(env, random_policy(3), LEANING)
     assert env.recovery is not None
-    expected = ClosedLoop.from_config(Config(), delta).rollout(env.task.state)
+    start, path = env.recovery.paths[0, 0], env.recovery_path
+    expected = ClosedLoop.from_config(Config(), delta).rollout(start)
     np.testing.assert_array_equal(env.recovery.paths, expected.paths)
-    np.testing.assert_array_equal(env.recovery.paths[0, 0], env.task.state)
-    assert env.loop.controller.nominal.delta == 1.0
+    stands = start if supervise is compiled else path[-1]  # compiled code leaves the environment alone
+    np.testing.assert_array_equal(env.task.state, stands)
     env.reset()
     assert env.recovery is None
 
 
-def test_an_unforeseen_fall_comes_before_the_supervisor() -> None:
+def test_an_unforeseen_fall_comes_before_the_supervisor(supervise: Supervise) -> None:
     region = unsafe_at(1)
     env = supervise(region)
     (step,) = trial(env, start=FALLING)
@@ -136,12 +179,12 @@ def test_an_unforeseen_fall_comes_before_the_supervisor() -> None:
     assert len(region.asked) == 1  # type: ignore[attr-defined]
 
 
-def test_a_trial_that_diverges_is_not_supervised() -> None:
+def test_a_trial_that_diverges_is_not_supervised(supervise: Supervise) -> None:
     (step,) = trial(supervise(unsafe_at(1)), start=[0, 0, 0, 0, 0, 1e4])
     assert step[2:] == (True, False, {"outcome": "diverged", **QUIET})
 
 
-def test_a_safe_trial_lasts_until_the_time_limit() -> None:
+def test_a_safe_trial_lasts_until_the_time_limit(supervise: Supervise) -> None:
     env = supervise(unsafe_at(1000), trial_length=0.2)
     steps = trial(env)
     assert len(steps) == env.task.arrays.periods
@@ -150,7 +193,9 @@ def test_a_safe_trial_lasts_until_the_time_limit() -> None:
 
 
 @pytest.mark.parametrize(("early_stop", "ends"), [("terminate", (True, False)), ("truncate", (False, True))])
-def test_unsafe_at_the_time_limit_is_still_supervised(early_stop: str, ends: tuple[bool, bool]) -> None:
+def test_unsafe_at_the_time_limit_is_still_supervised(
+    supervise: Supervise, early_stop: str, ends: tuple[bool, bool]
+) -> None:
     env = supervise(unsafe_at(20), early_stop=early_stop, trial_length=20 * Config().choices.control_period)
     steps = trial(env)
     assert len(steps) == 20
@@ -158,13 +203,13 @@ def test_unsafe_at_the_time_limit_is_still_supervised(early_stop: str, ends: tup
     assert steps[-1][4]["outcome"] == "supervised"
 
 
-def test_a_start_predicted_unsafe_is_an_error() -> None:
+def test_a_start_predicted_unsafe_is_an_error(supervise: Supervise) -> None:
     with pytest.raises(ValueError, match="region: predicts the start of the trial as unsafe"):
         supervise(unsafe_at(0)).reset()
 
 
 @pytest.mark.parametrize("delta", [1.1, 4.0])
-def test_behind_the_ideal_hypothesis_k_always_fails(delta: float) -> None:
+def test_behind_the_ideal_hypothesis_k_always_fails(supervise: Supervise, delta: float) -> None:
     """With h = l the first state predicted unsafe is one from which K cannot recover, and none before was."""
     loop = ClosedLoop.from_config(Config(), delta)
     env, activations = supervise(loop, delta), 0
@@ -176,7 +221,7 @@ def test_behind_the_ideal_hypothesis_k_always_fails(delta: float) -> None:
     assert activations > 0
 
 
-def test_a_stop_one_period_before_the_ideal_one_always_recovers() -> None:
+def test_a_stop_one_period_before_the_ideal_one_always_recovers(supervise: Supervise) -> None:
     """The state before the last one was still safe, so K from there succeeds."""
     loop = ClosedLoop.from_config(Config(), 1.5)
     for seed in range(5):
@@ -186,12 +231,145 @@ def test_a_stop_one_period_before_the_ideal_one_always_recovers() -> None:
         assert info["recovery"] == "recovered"
 
 
-def test_wrapped_tasks_are_welcome_and_other_environments_are_not() -> None:
+def test_wrapped_tasks_are_welcome() -> None:
     wrapped = Supervisor(RecordEpisodeStatistics(ThreeLinkCircleEnv()), unsafe_at(1), LQG())
     wrapped.reset()
     assert wrapped.step(IDLE)[4]["recovery"] == "recovered"
-    with pytest.raises(ParameterError, match="must be a ThreeLinkCircleEnv"):
-        Supervisor(gym.make("CartPole-v1"), unsafe_at(1), LQG())
+
+
+@pytest.mark.parametrize("delta", [1.0, 4.0])
+@pytest.mark.parametrize("values", [{}, {"corrective": "none"}, {"early_stop": "truncate"}])
+def test_k_step_by_step_gives_the_trials_of_compiled_code(delta: float, values: dict[str, str]) -> None:
+    """The same observations, rewards, ends and recoveries, to the last bit."""
+    seen = set()
+    for seed in range(6):
+        loop = ClosedLoop.from_config(Config(), 1.1)  # knows Δ = 1.1: too cautious, and not cautious enough
+        fast, slow = compiled(loop, delta, action_unit=UNIT, **values), stepped(loop, delta, **values)
+        first, second = (trial(env, random_policy(seed)) for env in (fast, slow))
+        for one, other in zip(first, second, strict=True):
+            np.testing.assert_array_equal(one[0], other[0])
+            assert one[1:] == other[1:]
+        np.testing.assert_array_equal(fast.recovery_path, slow.recovery_path)
+        seen.add(first[-1][4]["recovery"])
+    assert seen == {"not tried"} if "corrective" in values else seen & {"recovered", "hit the ground"}
+
+
+class CartLQR:
+    """Push the cart as an LQR would, to the left (0) or to the right (1)."""
+
+    gain = np.array([-7.9, -13.8, -90.3, -23.9])  # N per m, m/s, rad, rad/s
+
+    def __init__(self) -> None:
+        self.started: list[Floats] = []
+
+    def reset(self, x: Floats) -> None:
+        self.started.append(x.copy())
+
+    def action(self, x: Floats) -> int:
+        return int(-self.gain @ x > 0)
+
+
+BALANCED = StateRule(lambda x: bool((np.abs(x) < [1.0, 1.0, 0.1, 1.0]).all()), periods=300)
+
+
+def cart_trial(env: Supervisor, action: int = 1) -> list[tuple[Any, ...]]:
+    """The steps of a trial of the cart that is always pushed to one side."""
+    env.reset(seed=0)
+    steps = [env.step(action)]
+    while not (steps[-1][2] or steps[-1][3]):
+        steps.append(env.step(action))
+    return steps
+
+
+@pytest.mark.parametrize("early_stop", ["terminate", "truncate"])
+def test_another_environment_is_supervised_in_the_same_way(early_stop: str) -> None:
+    k, choices = CartLQR(), Choices(early_stop=early_stop)
+    region, rule = unsafe_at(7), StateRule(BALANCED.recovered, periods=300, control_period=0.02)
+    env = Supervisor(gym.make("CartPole-v1"), region, k, rule, choices=choices)
+    plain = gym.make("CartPole-v1")
+    plain.reset(seed=0)
+    steps = cart_trial(env)
+    assert len(steps) == 7
+    for i, (observation, reward, *ends, info) in enumerate(steps):
+        expected = plain.step(1)
+        np.testing.assert_array_equal(observation, expected[0])
+        assert reward == expected[1] == 1.0
+        stopped = i == 6
+        assert ends == [stopped and early_stop == "terminate", stopped and early_stop == "truncate"]
+        assert info["activated"] is stopped
+    assert info["recovery"] == "recovered" and info["outcome"] == "supervised"
+    path = env.recovery_path
+    assert 0 < info["recovery_time"] == pytest.approx(0.02 * len(path))
+    (started,) = k.started
+    np.testing.assert_array_equal(started, plain.unwrapped.state)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(started, region.asked[-1][0])  # type: ignore[attr-defined]
+    for x, following in zip([started, *path], path, strict=False):  # K acts on the system itself
+        plain.unwrapped.step(k.action(x))
+        np.testing.assert_array_equal(plain.unwrapped.state, following)  # type: ignore[attr-defined]
+    assert rule.recovered(path[-1]) and not any(map(rule.recovered, [started, *path[:-1]]))
+    env.reset(seed=1)
+    assert env.recovery is None and env.recovery_path.shape == (0, 4)
+
+
+class Rightwards(CartLQR):
+    """A K that makes it worse."""
+
+    def action(self, x: Floats) -> int:
+        return 1
+
+
+def test_another_environment_can_fail_by_its_own_end_by_a_rule_or_by_time() -> None:
+    late = StateRule(lambda x: False, periods=3)
+    tilted = StateRule(lambda x: abs(x[2]) > 0.15, lambda x: abs(x[2]) > 0.15)  # a failure comes first
+    cases: list[tuple[StateRule, CartLQR, str]] = [
+        (BALANCED, Rightwards(), "failed"),
+        (late, CartLQR(), "not recovered in time"),
+        (tilted, Rightwards(), "failed"),
+    ]
+    tilts = []
+    for rule, k, outcome in cases:
+        env = cart_with(unsafe_at(5), k, rule)
+        info = cart_trial(env)[-1][4]
+        assert info["recovery"] == outcome
+        assert info["recovery_time"] == len(env.recovery_path)
+        tilts.append(abs(env.state[2]))
+    assert tilts[0] > 12 * np.pi / 180 > tilts[2] > 0.15
+    assert info["recovery_time"] > 0
+
+
+@pytest.mark.parametrize("largest", [0.1, np.inf])
+def test_an_unforeseen_failure_comes_before_the_supervisor(largest: float) -> None:
+    """By the rule, where the environment itself goes on; or by the environment."""
+    region = unsafe_at(1000)
+    env = cart_with(region, rule=StateRule(BALANCED.recovered, lambda x: abs(x[2]) > largest))
+    steps = cart_trial(env)
+    assert steps[-1][2:] == (True, False, QUIET) and len(steps) < 20
+    assert min(largest, 12 * np.pi / 180) < abs(env.state[2])
+    assert len(region.asked) == len(steps)  # type: ignore[attr-defined]
+    assert env.recovery is None
+
+
+def test_wrappers_neither_limit_k_nor_count_its_steps() -> None:
+    inside = RecordEpisodeStatistics(gym.make("CartPole-v1", max_episode_steps=8))
+    env = Supervisor(inside, unsafe_at(7), CartLQR(), StateRule(BALANCED.recovered, periods=300))
+    info = cart_trial(env)[-1][4]
+    assert info["recovery"] == "recovered" and info["recovery_time"] > 1
+    assert inside.episode_lengths == 7
+
+
+def test_the_state_is_read_by_a_function_of_ones_own() -> None:
+    """In the order and the units that the hypothesis takes."""
+    region = unsafe_at(2)
+    env = Supervisor(
+        gym.make("Pendulum-v1"),
+        region,
+        CartLQR(),
+        BALANCED,
+        state=lambda env: np.rad2deg(env.unwrapped.state),
+    )
+    env.reset(seed=0, options={"x_init": 0.1, "y_init": 0.1})
+    np.testing.assert_array_equal(region.asked[0][0], np.rad2deg(env.task.state))  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(env.state, region.asked[0][0])  # type: ignore[attr-defined]
 
 
 def test_a_task_of_gymnasium_make_is_supervised_in_the_same_way() -> None:
@@ -203,29 +381,75 @@ def test_a_task_of_gymnasium_make_is_supervised_in_the_same_way() -> None:
         assert first[1:] == second[1:]
 
 
-def test_a_classifier_of_scikit_learn_is_a_hypothesis() -> None:
+def test_a_classifier_of_scikit_learn_is_a_hypothesis(supervise: Supervise) -> None:
     """It takes states [B, 6] only: a state alone would be refused."""
     x = np.random.default_rng(0).uniform(-1, 1, (200, 6))
     region = SVC().fit(x, np.abs(x[:, 0]) < 0.5)
     env = supervise(region)
     steps = trial(env, lambda: np.array([0.6, 0, 0], np.float32))
     assert steps[-1][4]["activated"]
-    assert region.predict([env.task.state])[0] == 0
+    assert env.recovery is not None
+    assert region.predict(env.recovery.paths[0, :1])[0] == 0
 
 
-class Controller:
-    """Someone's own K."""
+class Stranger:
+    """None of the parts."""
 
     def control(self, x: Floats) -> Floats:
         return -x[:3]
 
 
-@pytest.mark.parametrize(("name", "own"), [("controller", Controller()), ("region", Controller())])
-def test_parts_of_another_kind_are_refused_at_once(name: str, own: Any) -> None:
-    parts: dict[str, Any] = {"region": unsafe_at(1), "controller": LQG(), name: own}
-    with pytest.raises(ParameterError, match=rf"{name} = .*Controller.*: must be ") as refused:
-        Supervisor(ThreeLinkCircleEnv(), **parts)
+def cart() -> gym.Env[Any, Any]:
+    return gym.make("CartPole-v1")
+
+
+def cart_with(region: Any = None, controller: Any = None, rule: Any = BALANCED, **values: Any) -> Supervisor:
+    return Supervisor(cart(), region or unsafe_at(1), controller or CartLQR(), rule, **values)
+
+
+def task_with(controller: Any, **values: Any) -> Supervisor:
+    return Supervisor(ThreeLinkCircleEnv(), unsafe_at(1), controller, **values)
+
+
+REFUSED: dict[str, tuple[str, Callable[[], Any]]] = {
+    "controller": (r"controller = .*Stranger", lambda: cart_with(controller=Stranger())),
+    "K of the task": (r"controller = LQG", lambda: cart_with(controller=LQG())),
+    "region": (r"region = .*Stranger", lambda: cart_with(region=Stranger())),
+    "no rule": (r"rule = None", lambda: cart_with(rule=None)),
+    "no function": (r"state = 1", lambda: cart_with(state=1)),
+    "choices": (r"choices = Config", lambda: cart_with(choices=Config())),
+    "own K of the task": (r"controller = .*Stranger", lambda: task_with(Stranger())),
+    "rule of the task": (r"rule = StateRule", lambda: task_with(LQG(), rule=BALANCED)),
+    "state of the task": (r"state = ", lambda: task_with(LQG(), state=lambda env: np.zeros(6))),
+    "recovered": (r"recovered = 1", lambda: StateRule(cast(Any, 1))),
+    "failed": (r"failed = 1", lambda: StateRule(BALANCED.recovered, cast(Any, 1))),
+    "periods": (r"periods = 0", lambda: StateRule(BALANCED.recovered, periods=0)),
+    "control_period": (r"control_period = 0", lambda: StateRule(BALANCED.recovered, control_period=0)),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_parts_of_another_kind_are_refused_at_once(case: str) -> None:
+    message, make = REFUSED[case]
+    with pytest.raises(ParameterError, match=rf"^{message}.*: must be ") as refused:
+        make()
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "read", [lambda env: None, lambda env: "up", lambda env: 1.0, lambda env: [[0.0] * 4]]
+)
+def test_a_state_that_cannot_be_read_is_refused_as_a_trial_starts(read: Callable[[Any], Any]) -> None:
+    env = Supervisor(cart(), unsafe_at(1), CartLQR(), BALANCED, read)
+    with pytest.raises(ParameterError, match=r"^state = .*: must be a function of env that reads its state"):
+        env.reset()
+
+
+def test_only_compiled_parts_go_into_compiled_code() -> None:
+    with pytest.raises(ParameterError, match=r"controller = a OwnLQG: must be an LQG"):
+        _ = stepped(ClosedLoop()).arrays
+    with pytest.raises(ParameterError, match=r"env = .*: must be a ThreeLinkCircleEnv under an LQG"):
+        stepped(unsafe_at(1)).recovery_frames()
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Floats]:

@@ -267,7 +267,7 @@ def promise_gap(region: SafeRegion, visited: Floats, real: ClosedLoop) -> float:
     which K has nothing left to do.
     """
     gamma = region.safety(visited)
-    taken = (gamma <= region.p_t) & (np.abs(visited[:, 0]) < region.state_max[0])
+    taken = (gamma <= region.p_t) & (np.abs(visited[:, 0]) < region.arrays_.scale[0])
     if not taken.any():
         return float("nan")
     return float(real.predict(visited[taken]).mean() - gamma[taken].mean())

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import issparse
 from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
-from sklearn.utils.validation import check_is_fitted
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted, validate_data
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, as_states
@@ -44,11 +46,13 @@ LEAST_STATES = 4  # the spectral start of t-SNE needs more than the three vector
 class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Ψ, Γ and h of one training dataset, by scikit-learn's conventions.
 
+    States may have any dimension d and any units. Messages of what is refused are those of this package.
+
     Attributes:
         embedding_: [k, 2] simplified states y_i.
         evidence_: [k, 2] places e_i of the evidence; labels_: [k] their labels z_i.
         arrays_: `RegionArrays`.
-        classes_: [0, 1].
+        classes_: [0, 1]; n_features_in_: d.
         made_of_: α, seed and values behind the region; None for one fitted by hand.
     """
 
@@ -64,7 +68,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     gamma_prior: float = Choices.gamma_prior  # c / k
     gamma_empty: float = Choices.gamma_empty  # Γ_0
     gamma_cells: int = Choices.gamma_cells  # G
-    state_max: tuple[float, ...] = Paper().state_max  # [d] half ranges that scale the states
+    # [d] half ranges that scale the states; None: the largest |x| of the training states, each coordinate's
+    state_max: tuple[float, ...] | None = Paper().state_max
     random_state: int = 0  # seed of t-SNE, and of the network
 
     @classmethod
@@ -73,20 +78,33 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         return cls(**config.arguments_of(cls), state_max=config.paper.state_max, random_state=seed)
 
     def fit(
-        self, x: ArrayLike, z: ArrayLike, trajectories: ArrayLike, sample_weight: ArrayLike | None = None
+        self,
+        x: ArrayLike,
+        z: ArrayLike,
+        trajectories: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
     ) -> "SafeRegion":
         """Learn Ψ and Γ.
 
         Args:
-            x: [k, d] training states, rad and rad/s.
+            x: [k, d] training states, in the units of ``state_max``.
             z: [k] their labels l_n(x), 0 or 1.
-            trajectories: [k, T, d] closed-loop trajectories of the nominal system from x.
+            trajectories: [k, T, d] closed-loop trajectories of the nominal system from x, of any simulator;
+                None: none are known, and Ω compares the states alone.
             sample_weight: [k] weights of the states as evidence of Γ, at least 0; None: 1.
+
+        Returns:
+            The region itself.
+
+        Raises:
+            ParameterError: a parameter or an argument is not allowed.
         """
-        k = len(self._states(x))
+        states = self._states(x, reset=True)
+        k = len(states)
         self._check_parameters(k)
         check(k >= LEAST_STATES, "k", k, f"a whole number in [{LEAST_STATES}, inf)")
-        omega = dissimilarity(trajectories, z, self.state_max, self.label_gap)
+        paths = states[:, None] if trajectories is None else trajectories
+        omega = dissimilarity(paths, z, self._scale(states), self.label_gap)
         y = embed(omega, self.perplexity, self.random_state)
         return self.fit_embedding(x, z, y, sample_weight)
 
@@ -94,8 +112,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self, x: ArrayLike, z: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> "SafeRegion":
         """Learn Ψ and Γ from given simplified states y [k, 2], the rest as for `fit`."""
-        states, labels, places = self._states(x), np.asarray(z), np.ascontiguousarray(y, dtype=np.float64)
-        k = len(states)
+        states, labels = self._states(x, reset=True), np.asarray(z)
+        k, places = len(states), np.ascontiguousarray(y, dtype=np.float64)
         self._check_parameters(k)
         check(labels.shape == (k,), "z", f"shape {labels.shape}", f"labels of shape [{k}]")
         check(bool(np.isin(labels, (0, 1)).all()), "z", "other values", "labels 0 or 1")
@@ -103,8 +121,9 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         weights = None if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
         if weights is not None:
             fits = weights.shape == (k,) and bool((np.isfinite(weights) & (weights >= 0)).all())
-            check(fits, "sample_weight", "other values", f"{k} finite numbers in [0, inf)")
-        scale = np.array(self.state_max, dtype=np.float64)
+            fits = fits and bool(weights.any())
+            check(fits, "sample_weight", "other values", f"{k} finite numbers in [0, inf), not all zero")
+        scale = self._scale(states)
         neighbours, scaled = int(min(self.psi_neighbours, k - 1)), states / scale
         x_train, held_out = np.ascontiguousarray(scaled.T), self.gamma_evidence == "held out"
         shape, network, evidence = (self.psi_width, self.psi_penalty, self.random_state), Network(), places
@@ -123,13 +142,31 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         self.arrays_ = RegionArrays(scale, x_train, places, neighbours, *grid, network)
         return self
 
-    def _states(self, x: ArrayLike) -> Floats:
-        """States as an array [B, d], of the dimension of ``state_max``."""
+    def _states(self, x: ArrayLike, reset: bool = False) -> Floats:
+        """States as an array [B, d], of the dimension of ``state_max``, or else of the training states.
+
+        reset: x are the training states, whose dimension and names of columns are kept.
+        """
         high = self.state_max
-        fits = isinstance(high, tuple) and len(high) > 0
-        fits = fits and all(is_number(v) and 0 < v < np.inf for v in high)
-        check(fits, "state_max", high, "a tuple of numbers in (0, inf)")
-        return as_states(x, len(high))
+        fits = high is None or (isinstance(high, tuple) and len(high) > 0)
+        fits = fits and all(is_number(v) and 0 < v < np.inf for v in high or ())
+        check(fits, "state_max", high, "a tuple of numbers in (0, inf), or None")
+        check(not issparse(x), "x", "a sparse array", "a dense one")
+        array = np.asarray(x)
+        check(not np.iscomplexobj(array), "x", "complex numbers", "real ones")
+        learned = (array.shape or (1,))[-1] if reset else getattr(self, "n_features_in_", 1)
+        states = as_states(array, learned if high is None else len(high))
+        if reset or hasattr(x, "columns"):  # sets or reads n_features_in_ and feature_names_in_
+            named = x if hasattr(x, "columns") else states
+            validate_data(self, named, reset=reset, skip_check_array=True)
+        return states
+
+    def _scale(self, states: Floats) -> Floats:
+        """Half ranges [d] that scale the states, of the training states [k, d] if none are given."""
+        if self.state_max is not None:
+            return np.array(self.state_max, dtype=np.float64)
+        largest = np.abs(states).max(axis=0)
+        return np.where(largest < TINY, 1.0, largest)  # a coordinate that is always zero tells nothing
 
     def _check_parameters(self, k: int) -> None:
         """See that the parameters are allowed, and that there are k ≥ 2 training states."""
@@ -137,6 +174,12 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         seed = self.random_state
         check_whole("random_state", int(seed) if is_number(seed, whole=True) else seed, 0, MOST_SEED)
         check(k >= 2, "k", k, "a whole number in [2, inf)")
+
+    def __sklearn_tags__(self) -> Tags:
+        """For scikit-learn: there are two classes."""
+        tags = super().__sklearn_tags__()
+        tags.classifier_tags.multi_class = False
+        return tags
 
     def transform(self, x: ArrayLike) -> Floats:
         """Ψ: simplified states y [B, 2] of the states x [B, d]."""
@@ -172,7 +215,8 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
     def save(self, path: Path) -> None:
         """Write the fitted region as npz: parameters as numbers and text, no pickle."""
         check_is_fitted(self)
-        arrays: dict[str, Any] = {f"param_{name}": np.array(v) for name, v in self.get_params().items()}
+        params = self.get_params() | {"state_max": self.state_max or ()}  # None is no array without a pickle
+        arrays: dict[str, Any] = {f"param_{name}": np.array(v) for name, v in params.items()}
         *own, network = self.arrays_
         parts = dict(zip(PARTS, [*own, *network], strict=True))
         arrays |= {f"array_{name}": np.array(value) for name, value in parts.items()}
@@ -197,21 +241,22 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         stored = read_arrays(path, FORMAT, kinds) | read_arrays(path, FORMAT, params)
         values = {n: stored[f"param_{n}"].tolist() for n in names}
         if isinstance(values["state_max"], list):
-            values["state_max"] = tuple(values["state_max"])
+            values["state_max"] = tuple(values["state_max"]) or None
         region = cls(**values)
         a = {n: stored[f"array_{n}"] for n in PARTS}
         labels, evidence = stored["labels"], stored["evidence"]
-        k, size, cells = labels.size, np.size(values["state_max"]), region.gamma_cells
+        k, size, cells = labels.size, np.size(a["scale"]), region.gamma_cells
         parts = (*a.values(), evidence, labels)
         width = region.psi_width if region.psi == "network" else None
         network = [(0, 0), (0,)] * 3 if width is None else _network_shapes(size, width)
         shapes = [(size,), (size, k), (k, 2), (), (cells, cells), (2,), (), (), *network, (k, 2), (k,)]
         try:
             region._check_parameters(k)
-            region._states(np.zeros(size))
+            region._states(np.zeros(size), reset=True)
             fits = [part.shape for part in parts] == shapes and all(np.isfinite(part).all() for part in parts)
             fits = fits and bool(np.isin(labels, (0, 1)).all()) and a["cell"] >= TINY
-            fits = fits and bool(np.array_equal(a["scale"], region.state_max) and (a["scale"] >= TINY).all())
+            given = region.state_max is None or np.array_equal(a["scale"], region.state_max)
+            fits = fits and bool(given and (a["scale"] >= TINY).all())
             fits = fits and a["neighbours"] == min(region.psi_neighbours, k - 1) and 0 <= a["empty"] < 1
             if not (fits and a["gamma"].min() >= 0 and a["gamma"].max() < 1):
                 raise ValueError("shapes or values")
