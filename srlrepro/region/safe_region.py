@@ -154,7 +154,7 @@ class SafeRegion(ClassifierMixin, TransformerMixin, BaseEstimator):  # type: ign
         check(not issparse(x), "x", "a sparse array", "a dense one")
         array = np.asarray(x)
         check(not np.iscomplexobj(array), "x", "complex numbers", "real ones")
-        learned = (array.shape or (1,))[-1] if reset else getattr(self, "n_features_in_", 1)
+        learned = max((1, *array.shape[-1:])) if reset else getattr(self, "n_features_in_", 1)
         states = as_states(array, learned if high is None else len(high))
         if reset or hasattr(x, "columns"):  # sets or reads n_features_in_ and feature_names_in_
             named = x if hasattr(x, "columns") else states

@@ -41,6 +41,7 @@ NAMES = [
     "16_discrepancy",
     "17_crossed",
     "18_shift",
+    "19_any_system",
 ]
 APART = ["13_universe", "14_multiverse", "15_caution", "17_crossed", "18_shift"]  # of the studies
 

@@ -95,3 +95,16 @@ rule choices:
         parameters=drawing(ALPHAS=NUMBERS, DELTAS=[1.0, *DELTAS], DATASETS=2 if config["note"] else 10, STATES=2000),
     shell:
         execute("09_choices")
+
+
+rule any_system:
+    input:
+        notebook("19_any_system"),
+    output:
+        notebook=f"{DRAWN}/19_any_system.ipynb",
+        figures=expand(f"{PICTURES}/any_{{system}}.pdf", system=["cartpole", "pendulum"]),
+    params:
+        values=config["values"],
+        parameters=drawing(TRIALS=30 if config["note"] else 200),
+    shell:
+        execute("19_any_system")
