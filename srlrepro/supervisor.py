@@ -178,8 +178,13 @@ class Supervisor(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def state(self) -> Floats:
-        """The state x [d] of the environment now."""
-        return self.loop.read() if isinstance(self.loop, SteppedLoop) else self.task.state  # type: ignore[no-any-return]
+        """The state x [d] in which π has left the environment; K may have moved it since."""
+        if self.recovery is not None:
+            return self.recovery.paths[0, 0]
+        if isinstance(self.loop, SteppedLoop):
+            return self.loop.read()
+        x: Floats = self.task.state
+        return x
 
     @property
     def recovery_path(self) -> Floats:

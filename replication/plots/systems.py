@@ -46,7 +46,8 @@ def plot_walks(
     for side in (-bound, bound):
         ax.axhline(side, color=GUIDE, linestyle=":")
     words = {LINK: "π acts", CORRECTIVE: "K acts and recovers", UNSAFE: "K acts and fails"}
-    ax.legend(handles=[Line2D([], [], color=shade, label=text) for shade, text in words.items()], fontsize=7)
+    handles = [Line2D([], [], color=shade, label=text) for shade, text in words.items()]
+    figure.legend(handles=handles, fontsize=7, loc="outside lower center", ncols=len(handles))
     ax.set_xlabel("t / s")
     return figure, pd.concat(rows, ignore_index=True)
 

@@ -136,7 +136,8 @@ class SteppedLoop:
             self.place(self.env, start)
             outcomes[i], path = self._recover()
             durations[i] = (len(path) - 1) * self.rule.control_period
-            paths[i, : len(path)], paths[i, len(path) :] = path[:rows], path[-1]
+            if record:
+                paths[i, : len(path)], paths[i, len(path) :] = path, path[-1]
         return Rollouts(outcomes, durations, paths)
 
     def predict(self, x: ArrayLike) -> Labels:

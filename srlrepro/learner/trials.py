@@ -46,12 +46,12 @@ def transitions(env: gym.Env[Any, Any], act: Actor) -> Iterator[Transition]:
     task = env.unwrapped
     assert isinstance(task, ThreeLinkCircleEnv)
     observation, _ = env.reset()
-    ended = False
+    stands, ended = env if isinstance(env, Supervisor) else task, False  # K may move the task itself
     while not ended:
         x, action = task.state.copy(), act(observation)
         observation, reward, terminated, truncated, info = env.step(action)
         ended = terminated or truncated
-        yield Transition(x, action, float(reward), task.state.copy(), info)
+        yield Transition(x, action, float(reward), stands.state.copy(), info)
 
 
 @dataclass(frozen=True)

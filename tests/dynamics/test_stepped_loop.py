@@ -18,12 +18,14 @@ UNIT = 64.0  # N·m of an action of 1: a power of two, by which K's torques are 
 
 
 class OwnLQG:
+    gains = LQG().arrays
+
     def reset(self, x: Floats) -> None:
         self.xbar = x.copy()
 
     def action(self, x: Floats) -> Floats:
         u = np.zeros(3)
-        lqg_update(LQG().arrays, self.xbar, x, u)
+        lqg_update(self.gains, self.xbar, x, u)
         return u / UNIT
 
 
