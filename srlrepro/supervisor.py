@@ -128,19 +128,19 @@ class Supervisor(gym.Wrapper[Any, Any, Any, Any]):
         check(isinstance(env, gym.Env), "env", env, "an environment of gymnasium")
         super().__init__(env)
         check(callable(getattr(region, "predict", None)), "region", region, "a hypothesis: with predict(x)")
-        self.task: Any = env.unwrapped
-        self.region = region
-        known = isinstance(self.task, ThreeLinkCircleEnv)
+        task, self.region = env.unwrapped, region
+        self.task: Any = task
+        known = task if isinstance(task, ThreeLinkCircleEnv) else None
         self.loop: ClosedLoop | SteppedLoop
-        if known and isinstance(controller, LQG):
+        if known is not None and isinstance(controller, LQG):
             for name, value in {"rule": rule, "state": state}.items():
                 check(value is None, name, value, "left out: compiled code knows those of the task")
-            self.loop = ClosedLoop(self.task.pendulum, controller, self.task.rule)
+            self.loop = ClosedLoop(known.pendulum, controller, known.rule)
         else:
-            rule = _rule_of(self.task) if known and rule is None else rule
+            rule = _rule_of(known) if known is not None and rule is None else rule
             self.loop = SteppedLoop(env, controller, rule, state or state_of, stand)  # type: ignore[arg-type]
-        self.words = RECOVERIES if known else RECOVERIES | {FAILED: "failed"}
-        choices = choices or (self.task.config.choices if known else Choices())
+        self.words = RECOVERIES if known is not None else RECOVERIES | {FAILED: "failed"}
+        choices = choices or (known.config.choices if known is not None else Choices())
         check(isinstance(choices, Choices), "choices", choices, "of the class Choices")
         self.corrects, self.terminates = choices.corrective == "K", choices.early_stop == "terminate"
         self.recovery: Rollouts | None = None
@@ -179,11 +179,9 @@ class Supervisor(gym.Wrapper[Any, Any, Any, Any]):
     @property
     def state(self) -> Floats:
         """The state x [d] in which π has left the environment; K may have moved it since."""
-        if self.recovery is not None:
-            return self.recovery.paths[0, 0]
-        if isinstance(self.loop, SteppedLoop):
+        if self.recovery is None and isinstance(self.loop, SteppedLoop):
             return self.loop.read()
-        x: Floats = self.task.state
+        x: Floats = self.task.state if self.recovery is None else self.recovery.paths[0, 0]
         return x
 
     @property

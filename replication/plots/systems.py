@@ -1,7 +1,7 @@
 """What a supervisor does on other systems: trials over time, and where K takes over in a plane of states."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -72,7 +72,7 @@ def plot_plane(plane: pd.DataFrame, p_t: float, walks: Sequence[Walk]) -> tuple[
     ax.contour(x, y, level["gamma"], [p_t], colors=[BORDER])
     taken = [(*walk.states[-1], walk.end) for walk in walks if walk.end.startswith("K")]
     marks = pd.DataFrame(taken, columns=[*names, "end"])
-    outline = {"ls": "", "markeredgecolor": INK, "markeredgewidth": 0.5, "markersize": 5}
+    outline: dict[str, Any] = {"ls": "", "markeredgecolor": INK, "markeredgewidth": 0.5, "markersize": 5}
     for recovers, shade, look in ((True, SAFE, "o"), (False, UNSAFE, "X")):
         own = marks[(marks["end"] == RECOVERED) == recovers]
         text = f"K takes over and {'recovers' if recovers else 'fails'}"
