@@ -10,6 +10,7 @@ import os
 import pickle
 import resource
 import shutil
+import sys
 import zipfile
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plans import planned
 from runs import CONFIG, SUPERVISED, UPDATE, Case, interrupt
 
 from replication.__main__ import main as replication
@@ -26,6 +28,7 @@ from srlrepro.region.safe_region import learn_region
 from srlrepro.samplers import generate
 from srlrepro.settings.config import Config
 from srlrepro.storage import files
+from workflow import driver, engine, plan, verify
 
 LIMIT = 4 * 2**20  # bytes of a file here, so that bombs are small; a checkpoint may have what its learner has
 MEMORY = 64 * 2**20  # bytes that a refusal may take beyond what was used before
@@ -202,6 +205,10 @@ def genuine(tmp_path_factory: pytest.TempPathFactory) -> Path:
     case = Case("forged", SUPERVISED, region, config)
     case.train(place / "run")
     interrupt(case, place / "begun", 3 * UPDATE)
+    out = ["--region", str(place / "region.npz"), "--out", str(place / "measures.csv")]
+    with redirect_stdout(io.StringIO()):
+        assert replication(["measure", str(place / "run"), *out]) == 0
+    files.write_json(place / "figures" / "forged" / "workflow.json", planned("--name", "forged"))
     return place
 
 
@@ -222,6 +229,13 @@ READ = {  # {file: its main array, and the command that reads it}
         replication,
         ["measure", "run", "--region", "region.npz", "--out", "new.csv"],
     ),
+    "run/policy.npz": ("weight_0.npy", replication, ["policies", "run/policy.npz", "--out", "new"]),
+}
+SET = "figures/forged/workflow.json"
+TABLES = {  # the same of texts
+    **dict.fromkeys(("run/run.json", "run/trials.csv", "run/curve.csv"), READ["run/visited.npz"][1:]),
+    "measures.csv": (replication, ["claims", "measures.csv"]),
+    SET: (driver.main, ["--name", "forged"]),
 }
 HARMLESS = {("run/visited.npz", "other floats")}  # read as what it says
 
@@ -252,13 +266,19 @@ def place(genuine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     shutil.copytree(genuine, tmp_path / "place")
     monkeypatch.chdir(tmp_path / "place")
     monkeypatch.setattr(files, "LARGEST", LIMIT)
+    monkeypatch.setattr(driver, "VENV", Path(sys.prefix))
+    for module in (driver, plan, verify):
+        monkeypatch.setattr(module, "ROOT", tmp_path / "place")
+    monkeypatch.setattr(engine, "run_workflow", lambda *_: 0)
+    monkeypatch.setattr(verify, "make", None)  # which would take minutes
     return tmp_path / "place"
 
 
 def test_what_is_genuine_is_taken(place: Path) -> None:
-    for _, main, line in READ.values():
+    for main, line in [*(by[1:] for by in READ.values()), *TABLES.values()]:
         with redirect_stdout(io.StringIO()):
             assert main(line) == 0
+    assert list(verify.committed()) == ["forged"] and verify.why_not(verify.committed()["forged"]) == ""
 
 
 @pytest.mark.parametrize("kind", ARCHIVES)
@@ -275,11 +295,52 @@ def test_a_forged_archive(name: str, kind: str, place: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", TEXTS)
-@pytest.mark.parametrize("name", ["run/run.json", "run/trials.csv", "run/curve.csv"])
+@pytest.mark.parametrize("name", TABLES)
 def test_a_forged_text(name: str, kind: str, place: Path) -> None:
     (place / name).write_bytes(TEXTS[kind])
     before = snapshot(place)
-    assert Path(name).name in refusal(*READ["run/visited.npz"][1:])
+    assert Path(name).name in refusal(*TABLES[name])
+    assert snapshot(place) == before
+
+
+COLUMNS = "measure,alpha,delta,seed,value\n"
+MEASURES = {
+    "a column too few": "measure,alpha,delta,seed\nfinal_return,0,1.1,0\n",
+    "words for values": f"{COLUMNS}final_return,0,1.1,0,high\n",
+    "words for a mismatch": f"{COLUMNS}final_return,0,heavy,0,1.0\n",
+    "a row too long": f"{COLUMNS}final_return,0,1.1,0,1.0,2.0\nfinal_return,0,1.1,0,1.0,2.0,3.0\n",
+    "no rows": COLUMNS,
+}
+
+
+@pytest.mark.parametrize("kind", MEASURES)
+def test_forged_measures(kind: str, place: Path) -> None:
+    (place / "measures.csv").write_text(MEASURES[kind])
+    before = snapshot(place)
+    refusal(*TABLES["measures.csv"])
+    assert snapshot(place) == before
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [
+        ("settings", 5),
+        ("settings", {"k": "many"}),
+        ("settings", {"__class__": 1}),
+        ("values", []),
+        ("alphas", None),
+        ("deltas", "heavy"),
+        ("deltas", ["heavy"]),
+        ("seeds", 3),
+    ],
+)
+def test_a_forged_configuration_of_a_set(part: str, value: Any, place: Path) -> None:
+    config = json.loads((place / SET).read_text())
+    (place / SET).write_text(json.dumps(config | {part: value}))
+    before = snapshot(place)
+    for line in (["verify", "1"], ["--name", "forged"]):
+        if part in plan.DIFFERENT or line[0] == "verify":
+            refusal(driver.main, line)
     assert snapshot(place) == before
 
 

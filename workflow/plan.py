@@ -16,6 +16,7 @@ import re
 import shlex
 import tomllib
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from srlrepro.pins import ARITHMETIC
@@ -231,6 +232,14 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
     return planned | {"only": only}
 
 
+def read_set(file: Path) -> dict[str, Any]:
+    """The configuration of the workflow behind a set of results; `ResultError`: the file holds none."""
+    found = read_json(file)
+    if not isinstance(found, dict):
+        raise ResultError(f"{file} is no configuration of the workflow")
+    return found
+
+
 def check_is_free(planned: dict[str, Any]) -> None:
     """See that the folder of a plan with a name of its own holds no results of another plan.
 
@@ -242,7 +251,7 @@ def check_is_free(planned: dict[str, Any]) -> None:
     check(not reserved, "--name", name, "another name: results that are not varied have this one")
     for file in (ROOT / place / name / "workflow.json" for place in ("results", "figures")):
         try:
-            found = read_json(file) if file.exists() else planned
+            found = read_set(file) if file.exists() else planned
         except ResultError as error:
             raise ParameterError(error) from error
         other = [key for key in DIFFERENT if found.get(key) != planned[key]]

@@ -31,12 +31,12 @@ from replication.tables import RUN, Difference, Found, disagreement, found_in, s
 from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole, one_line
-from srlrepro.storage.files import ResultError, read_json, read_table, write_json
+from srlrepro.storage.files import ResultError, read_table, write_json
 from srlrepro.storage.provenance import processor
 from workflow import ROOT
 from workflow.command_line import CORES, LIMIT_VARIABLE, VERIFIED
 from workflow.engine import INTERRUPTED, supervise
-from workflow.plan import check_limit
+from workflow.plan import check_limit, read_set
 
 SOURCES = ("srlrepro", "replication", "workflow", "notebooks")  # all that a cell is made of
 NOT_COPIED = ("__pycache__", "executed")
@@ -146,13 +146,26 @@ def _condition(alpha: str, delta: float, seed: int) -> str:
 
 
 def committed() -> dict[str, Plan]:
-    """{name: configuration} of the committed sets; of all sets in figures/, where git knows of none."""
+    """{name: configuration} of the committed sets; of all sets in figures/, where git knows of none.
+
+    Raises:
+        ResultError: one is damaged, or no configuration.
+    """
     listed: list[str] = []
     if git := shutil.which("git"):
         command = [git, "ls-files", f"figures/*/{SET}"]
         listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
     files = [ROOT / file for file in listed] or sorted((ROOT / "figures").glob(f"*/{SET}"))
-    return {file.parent.name: read_json(file) for file in files}
+    sets = {file.parent.name: read_set(file) for file in files}
+    for name, config in sets.items():
+        try:
+            _ = why_not(config) or cells_of(config)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            reason = one_line(repr(error))
+            raise ResultError(
+                f"figures/{name}/{SET} is no configuration of the workflow: {reason}"
+            ) from error
+    return sets
 
 
 def why_not(config: Plan) -> str:

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -208,20 +207,34 @@ def test_a_gradient_step_in_single_precision_is_stocks() -> None:
     assert difference(*models) <= 1e-5
 
 
+def moved(model: PPO, before: dict[str, torch.Tensor]) -> list[float]:
+    """How far a training has moved the weights of both networks (norms), and log σ (mean)."""
+    after = dict(model.policy.named_parameters())
+    by = {name: (after[name] - value).detach() for name, value in before.items()}
+    networks = {"actor": ("policy_net", "action_net"), "critic": ("value_net",)}
+    squares = {
+        kind: sum(float((d**2).sum()) for name, d in by.items() if any(part in name for part in parts))
+        for kind, parts in networks.items()
+    }
+    return [squares["actor"] ** 0.5, squares["critic"] ** 0.5, float(by["log_std"].mean())]
+
+
 @pytest.mark.slow
 def test_learning_is_the_same_in_law() -> None:
-    """Returns and lengths of the last trials over independent seeds of both learners."""
-    config = Config().with_values(n_steps=512, n_minibatches=16, hidden_width=32, learning_rate=1e-3)
-    found: dict[type, list[tuple[float, float]]] = {PPO: [], CompiledPPO: []}
+    """Over independent seeds of both learners: how far they have learned, and their last trials."""
+    config = Config().with_values(n_steps=256, n_minibatches=8, hidden_width=32, learning_rate=1e-3)
+    found: dict[type, list[list[float]]] = {PPO: [], CompiledPPO: []}
     for seed in range(10):
         for index, kind in enumerate(found):
             model = pair(Run(0.5, 1.5, 2 * seed + index, 1), REGION, config)[index]
-            model.learn(10 * config.paper.n_steps)
+            before = {name: p.detach().clone() for name, p in model.policy.named_parameters()}
+            model.learn(4 * config.paper.n_steps)
             last = list(model.ep_info_buffer)
-            found[kind].append((np.mean([e["r"] for e in last]), np.mean([e["l"] for e in last])))
+            means = [float(np.mean([e[key] for e in last])) for key in ("r", "l")]
+            found[kind].append([*moved(model, before), *means])
     stock, compiled = (np.array(found[kind]) for kind in found)
-    for column in range(2):
-        assert ks_2samp(stock[:, column], compiled[:, column]).pvalue > 0.01
+    for column in range(stock.shape[1]):
+        assert ks_2samp(stock[:, column], compiled[:, column]).pvalue > 0.01, column
     assert (stock != compiled).any()
 
 
@@ -349,15 +362,3 @@ print("torch._dynamo" in sys.modules)
 def test_a_training_does_without_torchs_compiler_and_leaves_it_to_others() -> None:
     found = subprocess.run([sys.executable, "-c", SPARING], check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["False", "True"]
-
-
-@pytest.mark.slow
-def test_an_update_is_many_times_faster_than_stocks() -> None:
-    """A loose bound for a busy machine; ``python -m benchmarks`` measures it well."""
-    seconds = []
-    for model in filled(FREE, None, Config(), n_epochs=1):
-        model.train()
-        started = time.perf_counter()
-        model.train()
-        seconds.append(time.perf_counter() - started)
-    assert seconds[0] > 15 * seconds[1]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from learned import Learned
+from openTSNE import TSNE
 from scipy.spatial.distance import cdist
 from sklearn.model_selection import KFold
 from sklearn.neighbors import KNeighborsRegressor
@@ -100,12 +101,18 @@ def test_embedding_keeps_groups_together(rng: np.random.Generator) -> None:
     assert label_purity(cdist(y, y), group) == 1.0
 
 
-@pytest.mark.parametrize("k", [4, 5, 10])
-def test_few_points_lower_the_perplexity(k: int, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("k", [4, 5, 10, 40])
+def test_few_points_lower_the_perplexity_to_a_third(
+    k: int, rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of what lies around a point; so that openTSNE, which would say so, need not lower it."""
     points = rng.normal(size=(k, 3))
-    y = embed(cdist(points, points), 30.0, 0)
-    assert y.shape == (k, 2)
-    assert np.isfinite(y).all()
+    omega = cdist(points, points)
+    y = embed(omega, 30.0, 0)
+    assert y.shape == (k, 2) and np.isfinite(y).all()
+    assert not caplog.records
+    given = {"metric": "precomputed", "initialization": "spectral", "n_jobs": 1, "random_state": 0}
+    np.testing.assert_array_equal(y, TSNE(perplexity=(k - 1) / 3, **given).fit(omega))
 
 
 def test_safe_and_unsafe_states_separate_in_the_plane(small: Learned, small_config: Config) -> None:
@@ -147,6 +154,16 @@ def test_several_training_states_in_one_place_count_equally() -> None:
     train, y, _ = plane(0)
     train[5], train[6] = train[4], train[4]
     np.testing.assert_allclose(psi(train, y, 8, train[4:5])[0], y[4:7].mean(axis=0))
+
+
+def test_of_equally_near_training_states_the_first_ones_count(rng: np.random.Generator) -> None:
+    """All lie at the same distance from the origin, to the last bit."""
+    train, y = np.concatenate([np.eye(6), -np.eye(6)]) * HIGH, rng.normal(size=(12, 2))
+    for neighbours in range(1, 13):
+        found = psi(train, y, neighbours, np.zeros((1, 6)))[0]
+        np.testing.assert_allclose(found, y[:neighbours].mean(axis=0), rtol=1e-12)
+        left_out = psi(train, y, min(neighbours, 11), np.zeros((1, 6)), leave_one_out=True)[0]
+        np.testing.assert_allclose(left_out, y[1 : min(neighbours, 11) + 1].mean(axis=0), rtol=1e-12)
 
 
 def test_one_by_one_equals_the_batch() -> None:

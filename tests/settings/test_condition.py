@@ -1,7 +1,7 @@
 """A condition and its name say the same."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from srlrepro.settings.condition import Condition, alpha_text, parse_alpha
@@ -11,6 +11,7 @@ ALPHAS = st.none() | st.integers(0, 1000).map(lambda n: n / 1000)
 CONDITIONS = st.builds(Condition, ALPHAS, st.integers(1, 9999).map(lambda n: n / 100), st.integers(0, 10_000))
 
 
+@settings(deadline=None)
 @given(CONDITIONS)
 def test_a_condition_is_read_back_from_its_name(condition: Condition) -> None:
     assert Condition.parse(condition.name) == condition

@@ -112,6 +112,9 @@ def test_the_papers_values_are_those_of_the_paper() -> None:
     assert Paper(links=4).state_max == (math.pi / 2, *[math.pi] * 3, 10.0, *[20.0] * 3)
     assert (paper.k, paper.p_t, paper.reward_constant, paper.reward_slope) == (1000, 0.8, 2.0, 10.0)
     assert (paper.n_steps, paper.n_minibatches, paper.n_epochs) == (2048, 128, 10)
+    assert (paper.learning_rate, paper.vf_coef, paper.max_grad_norm, paper.ent_coef) == (1e-4, 1.0, 10.0, 0.0)
+    assert (paper.discount, paper.gae_lambda) == (0.99, 0.95)
+    assert (paper.hidden_layers, paper.hidden_width) == (2, 128)
 
 
 def test_a_configuration_does_not_change() -> None:
