@@ -250,7 +250,7 @@ def _child(
 
     import srlrepro.compiled.jit  # noqa: F401  names the folder of kernels by the sources
 
-    own = Path(numba.config.CACHE_DIR)
+    own = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
     if base.exists() and not own.exists():
         shutil.copytree(base, own, copy_function=os.link, ignore=shutil.ignore_patterns(*stale))
     return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--no-header", *arguments]))
@@ -305,7 +305,7 @@ def copy_of(commit: str, place: Path) -> Path:
 
 def kernels(checkout: Path, place: Path) -> Path:
     """The folder in which the kernels of a copy are kept."""
-    ask = "import srlrepro.compiled.jit, numba; print(numba.config.CACHE_DIR)"
+    ask = "import srlrepro.compiled.jit, numba; print(numba.config.CACHE_DIR)  # type: ignore[attr-defined]"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(place / "kernels"), "PYTHONPATH": str(checkout)}
     command = [sys.executable, "-B", "-c", ask]
     done = subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True, text=True)

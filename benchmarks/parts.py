@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numba import njit
 
 from srlrepro.command_line import Parser
+from srlrepro.compiled.jit import jit
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.pendulum import Coefficients, Floats, Pendulum, State, Torque, rk4_step
 from srlrepro.region.safe_region import SafeRegion
@@ -35,14 +35,14 @@ class Part:
     turns: int
 
 
-@njit
+@jit
 def _steps(c: Coefficients, x: State, u: Torque, dt: float, n: int) -> State:
     for _ in range(n):
         x = rk4_step(c, x, u, dt)
     return x
 
 
-@njit
+@jit
 def _ask(region: RegionArrays, x: Floats) -> float:
     total = 0.0
     for i in range(x.shape[0]):

@@ -156,7 +156,7 @@ def committed() -> dict[str, Plan]:
         command = [git, "ls-files", f"figures/*/{SET}"]
         listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
     files = [ROOT / file for file in listed] or sorted((ROOT / "figures").glob(f"*/{SET}"))
-    sets = {file.parent.name: read_set(file) for file in files}
+    sets: dict[str, Plan] = {file.parent.name: read_set(file) for file in files}
     for name, config in sets.items():
         try:
             _ = why_not(config) or cells_of(config)
