@@ -152,6 +152,13 @@ def test_every_default_survives_being_written_and_parsed(field: Any) -> None:
     assert parse_settings([f"{field.name}={text}"]) == {field.name: field.default}
 
 
+@pytest.mark.parametrize("field", SWITCHES, ids=by_name)
+def test_a_switch_is_what_its_word_says(field: Any) -> None:
+    for word, value in (("true", True), ("false", False)):
+        assert parse_value(field.name, word) is value
+        assert parse_settings([f"{field.name}={word}"]) == {field.name: value}
+
+
 def test_numbers_of_other_libraries_become_pythons_own() -> None:
     config = Config().with_values(k=np.int64(7), p_t=np.float32(0.5), gravity=Fraction(39, 4))
     assert json.loads(json.dumps(config.as_dict())) == config.as_dict()
