@@ -26,6 +26,7 @@ from replication.plots.multiverse import curve_table
 from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
 from replication.studies.joints import answer as joints
+from replication.studies.joints import cells
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
 from srlrepro.settings.condition import NONE
@@ -300,7 +301,7 @@ def moved(folder: Path) -> Iterator[Found]:
 
 def of_joints(folder: Path) -> Iterator[Found]:
     """From what hypotheses accept in each cell of the study of joints: advantages, and predictions."""
-    table = _read(folder, "joints_recall", *joints.CELL, "law", "delta", "safe")
+    table = _read(folder, "joints_recall", *cells.CELL, "law", "delta", "safe")
     yield Found("joints", joints.advantages(table))
     yield Found("joints_predictions", joints.judged(table))
 

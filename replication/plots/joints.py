@@ -13,7 +13,7 @@ from replication.studies.joints.cells import LAWS, MIXED
 from replication.studies.joints.rungs import CEILING, MAPS, RUNGS, WHOLE
 
 PANELS = (("visits", 1.1), ("visits", 4.0), ("UD", 1.1))  # law of the test states, and Δ of their labels
-WHERE = {"UD": "UD", "MND": "MND", "visits": "visited by a random policy"}
+WHERE = {"UD": "UD", "MND": "MND", "visits": "random policy"}
 K_MAP, RUNG_MAP = "viridis", "tab10"  # of k, and of the hypotheses
 SHIFT = 0.08  # between lines side by side, in joints
 MARKS = (*MARKERS.values(), OTHER_MARKER)
@@ -24,7 +24,7 @@ def ladder(means: pd.DataFrame) -> pd.DataFrame:
     """The rows of `averaged` for `plot_ladder`: of the k with most hypotheses, at α = `MIXED`."""
     mixed = means[means["alpha"].astype(str) == MIXED]
     counts = mixed.groupby("k")["hypothesis"].nunique()
-    rows = mixed[mixed["k"] == counts[counts == counts.max()].index.max()]
+    rows: pd.DataFrame = mixed[mixed["k"] == counts[counts == counts.max()].index.max()]
     columns = ["links", "k", "law", "delta", "hypothesis", "datasets", FALSE, f"{FALSE}_half"]
     return rows[columns].reset_index(drop=True)
 
@@ -32,7 +32,7 @@ def ladder(means: pd.DataFrame) -> pd.DataFrame:
 def coverage(means: pd.DataFrame) -> pd.DataFrame:
     """The rows of `averaged` that `plot_coverage` draws: of an SVM, of the k that `ladder` shows."""
     k = ladder(means)["k"].iloc[0]
-    rows = means[(means["hypothesis"] == "svm") & (means["k"] == k)]
+    rows: pd.DataFrame = means[(means["hypothesis"] == "svm") & (means["k"] == k)]
     columns = ["links", "k", "alpha", "law", "delta", "datasets", "safe", FALSE, f"{FALSE}_half"]
     return rows[columns].reset_index(drop=True)
 
@@ -56,7 +56,9 @@ def plot_advantages(found: pd.DataFrame) -> Figure:
                 look = {"color": shade, "marker": MARKS[i % len(MARKS)], "markersize": 4, "linewidth": 1}
                 ax.errorbar(place, line["advantage"], np.nan_to_num(width), label=f"k = {k}", **look)
         words = text.split(" against ")
-        row[0].set_ylabel(f"advantage of {words[0]}\nover {words[1]}")
+        row[0].set_ylabel(f"advantage of {words[0]}\nover {words[1]}", fontsize=8)
+        low, high = row[0].get_ylim()
+        row[0].set_ylim(max(low, -1), min(high, 1))  # of a difference of shares
     for ax, (law, delta) in zip(axes[0], PANELS, strict=True):
         ax.set_title(rf"{WHERE[law]}, $\Delta = {delta:g}$")
     _joints(axes[-1])
@@ -78,7 +80,7 @@ def plot_ladder(rows: pd.DataFrame) -> Figure:
                 look = {"marker": MARKS[i % len(MARKS)], "color": tint, "markersize": 3.5, "linewidth": 1}
                 ax.plot(part["links"], part[FALSE], label=RUNGS[name].text, **look)
             ax.axhline(RECALL, color=GUIDE, linewidth=0.6, linestyle=":")
-        line[0].set_ylabel(f"by {title}: unsafe states accepted\nat a recall of {RECALL:g}")
+        line[0].set_ylabel(f"by {title}: unsafe states\naccepted at a recall of {RECALL:g}", fontsize=8)
         line[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
     for ax, (law, delta) in zip(axes[0], PANELS, strict=True):
         ax.set_title(rf"{WHERE[law]}, $\Delta = {delta:g}$")
@@ -103,7 +105,7 @@ def plot_coverage(rows: pd.DataFrame) -> Figure:
         right.errorbar(own["links"], own[FALSE], width, label=label(str(alpha)), **look)
     right.axhline(RECALL, color=GUIDE, linewidth=0.6, linestyle=":")
     left.set(ylabel="safe states, nominal", ylim=(0, 1))
-    right.set(ylabel=f"unsafe visited states that an\nSVM accepts at a recall of {RECALL:g}", ylim=(0, 1))
+    right.set(ylabel=f"unsafe visits that an SVM\naccepts at a recall of {RECALL:g}", ylim=(0, 1))
     for ax in (left, right):
         ax.legend(fontsize=7)
         ax.grid(axis="y", color=GRID)

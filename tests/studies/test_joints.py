@@ -280,7 +280,7 @@ def test_an_advantage_that_was_put_in_is_found() -> None:
     )
     assert np.allclose(found.loc[found["pair"] == "best", "advantage"], 0.15)
     said = sentence(found)
-    assert said.endswith("from 1000 states it pays at n = 4, costs at n = 2, is undecided at 1 of 3.")
+    assert said.endswith("from 1000 states it pays at n = 4, costs at n = 2, is undecided at 1 of 3 n.")
     assert "the best map" in sentence(found, "best") and "pays at n = 2–4" in sentence(found, "best")
     assert sentence(found[:0]).endswith("nothing was measured.")
 

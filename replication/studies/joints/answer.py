@@ -67,15 +67,15 @@ def with_best(table: pd.DataFrame) -> pd.DataFrame:
     Chosen for each n, k, law and Δ by the mean over α and the other datasets, among what was learned in all
     cells there. NaN for a single dataset.
     """
-    found = table.assign(**dict.fromkeys(BEST, np.nan))
+    chosen = {column: pd.Series(np.nan, table.index) for column in BEST}
     for _, rows in table.groupby(PLACE):
         for column, names in BEST.items():
             own = rows[[name for name in names if name in rows]].dropna(axis=1)
             for dataset, part in rows.groupby("dataset"):
                 others = own[rows["dataset"] != dataset]
                 if others.size:
-                    found.loc[part.index, column] = own.loc[part.index, others.mean().idxmin()]
-    return found
+                    chosen[column].loc[part.index] = own[others.mean().idxmin()]
+    return table.assign(**chosen)
 
 
 def advantages(table: pd.DataFrame) -> pd.DataFrame:
@@ -179,7 +179,7 @@ def sentence(found: pd.DataFrame, pair: str = "as written", law: str = "visits",
         pays, costs = rows.loc[rows["low"] > 0, "links"], rows.loc[rows["high"] < 0, "links"]
         said = [f"{word} at n = {_listed(n)}" for word, n in (("pays", pays), ("costs", costs)) if len(n)]
         undecided = len(rows) - len(pays) - len(costs)
-        said += [f"is undecided at {undecided} of {len(rows)}"] if undecided else []
+        said += [f"is undecided at {undecided} of {len(rows)} n"] if undecided else []
         parts.append(f"learned from {k} states it " + ", ".join(said))
     where = {"visits": "that a random policy visits", "UD": "of UD", "MND": "of the MND"}[law]
     start = f"On states {where}, at Δ = {delta:g} and a recall of {RECALL:g}, {PAIRS[pair][2]}: "

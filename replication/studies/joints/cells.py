@@ -159,7 +159,7 @@ def decay(config: Config, delta: float) -> float:
     """By what a small deviation from upright is multiplied in 0.01 s under K; below 1 it is stable."""
     loop = ClosedLoop.from_config(config, delta)
     periods = Choices.control_period / config.choices.control_period
-    return loop.controller.spectral_radius(loop.system) ** periods
+    return float(loop.controller.spectral_radius(loop.system) ** periods)
 
 
 def exploring(config: Config) -> Config:
@@ -221,8 +221,9 @@ def sources() -> str:
     """SHA-256 of the method and of what this study adds to it."""
     here = Path(__file__).resolve().parent
     files = [
-        *sorted(here.glob("*.py")),
-        *(here.parent / f"{name}.py" for name in ("alternatives", "caution")),
+        here / "cells.py",
+        here / "rungs.py",
+        *(here.parent / f"{n}.py" for n in ("alternatives", "caution")),
     ]
     return hashlib.sha256(code_hash().encode() + b"".join(file.read_bytes() for file in files)).hexdigest()
 
