@@ -56,6 +56,14 @@ def gather(arguments: argparse.Namespace) -> None:
     print(f"{rows} measures of {len(arguments.universes)} universes")
 
 
+def joints(arguments: argparse.Namespace) -> None:
+    """Learn and score every hypothesis in the cells of one number of joints and one dataset."""
+    from replication.studies.joints.cells import write_job
+
+    rows = write_job(arguments.job, arguments.out, arguments.few)
+    print(f"{rows} scores of {arguments.job}")
+
+
 def provenance(arguments: argparse.Namespace) -> None:
     """Print what made a figure."""
     from replication.plots.provenance import lines, read_made_by
@@ -125,6 +133,11 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("gather", gather, "Write the tables of universes as one: measures, and conditions.")
     sub.add_argument("universes", type=path, nargs="+", metavar="UNIVERSE", help="folder of a universe")
     sub.add_argument("--out", type=path, required=True, help="folder to write")
+    text = "Learn and score every hypothesis in the cells of one number of joints and one dataset."
+    sub = command("joints", joints, text)
+    sub.add_argument("job", metavar="JOB", help="such as links_3__dataset_0")
+    sub.add_argument("--few", action="store_true", help="of the small design")
+    sub.add_argument("--out", type=path, required=True, help="folder to write; finished cells are kept there")
     sub = command("provenance", provenance, "Print what made a figure.")
     sub.add_argument("figure", type=path, metavar="FIGURE", help=".png, .pdf or .gif")
     sub = command("beside", beside, "Lay two variations side by side: a figure, and the final measures.")

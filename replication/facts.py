@@ -28,6 +28,7 @@ from replication.evidence.verdicts import (
 )
 from replication.studies import multiverse
 from replication.studies.discrepancy import KINDS
+from replication.studies.joints.answer import FAILS, HOLDS, OPEN, sentence
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -317,6 +318,13 @@ class Facts:
         most = {row["delta"]: row["alpha"] for row in sorted(kept, key=lambda row: row["final_return"])}
         chosen = {row["delta"]: most.get(row["delta"]) for row in outcomes}
         return {"rise": [kind for kind in KINDS if by_delta[kind].is_monotonic_increasing], "alpha": chosen}
+
+    def joints(self) -> Row:
+        """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""
+        found = read_table(self.figures / "joints" / "joints.csv", ("pair", "links", "k", "low", "high"))
+        states = read_table(self.figures / "joints" / "joints_predictions.csv", ("state",))["state"]
+        counts = {name: int((states == name).sum()) for name in (HOLDS, FAILS, OPEN)}
+        return counts | {"of": len(states), "answer": sentence(found), "best": sentence(found, "best")}
 
     def theorem(self) -> Row:
         """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""

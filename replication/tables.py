@@ -25,6 +25,8 @@ from replication.evidence.verdicts import AS_WRITTEN, by_budget, failure_rates, 
 from replication.plots.multiverse import curve_table
 from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
+from replication.studies.joints import answer as joints
+from replication.studies.joints import cells
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
 from srlrepro.settings.condition import NONE
@@ -297,6 +299,13 @@ def moved(folder: Path) -> Iterator[Found]:
     yield Found("shift_contrasts", shift.contrasts(table), exactly=False)
 
 
+def of_joints(folder: Path) -> Iterator[Found]:
+    """From what hypotheses accept in each cell of the study of joints: advantages, and predictions."""
+    table = _read(folder, "joints_recall", *cells.CELL, "law", "delta", "safe")
+    yield Found("joints", joints.advantages(table))
+    yield Found("joints_predictions", joints.judged(table))
+
+
 # By the tables that each starts from; it is asked where they are.
 FOLLOWS = {
     judged: ("measures", "claims"),
@@ -308,6 +317,7 @@ FOLLOWS = {
     parted: ("measures", "crossed_components"),
     cautious: ("measures", "caution_roc"),
     moved: ("shift",),
+    of_joints: ("joints_recall",),
 }
 
 

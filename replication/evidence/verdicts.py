@@ -32,6 +32,7 @@ LONG = {  # a run beyond the paper's grid: the table that shows that it is compl
     "crossed": ("measures.csv", "datasets crossed with learners"),
     "caution": ("measures.csv", "thresholds p_t beside α"),
     "shift": ("measures.csv", "training data nearer to where learners go"),
+    "joints": ("joints_predictions.csv", "more joints"),
 }
 AGAINST = ("contradicts", "practically nothing", "open", "supports", "not measured")  # the worst first
 SIGNS = dict(zip((*VERDICTS, "practically nothing"), "✓±✗○–≈", strict=True))  # of a claim, as of its verdict

@@ -6,6 +6,8 @@
 - "caution": thresholds p_t with shares α, under the paper's region and under an SVM of the whole state;
 - "shift": distributions D_n that Theorem 1 advises, nearer to the D of the learner, α = 0 in all but one.
 
+"joints" trains nothing and has no universes, but the cells of `joints.cells`.
+
 Where datasets and learners are not crossed, a dataset has the learner of its own number. The id of a universe
 says what tells it from the others, `tells` reads it.
 """
@@ -76,7 +78,7 @@ def universes(study: str, alphas: list[str], deltas: list[float], seeds: list[in
             told = {"hypothesis": kind, "threshold": f"{p_t:g}", "dataset": d}
             values = {"hypothesis": kind, "p_t": p_t}
             found |= _job(told, d, alphas if papers else supervised, deltas, [d], values)
-    else:
+    elif study == "shift":
         found = dict(_shifted(deltas, seeds))
     return found
 

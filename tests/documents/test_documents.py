@@ -127,19 +127,34 @@ def test_the_headline_counts_the_papers_sentences_alone(larger: Path) -> None:
     assert f"{PAPERS} not measured" in render("docs/claims.md", larger) + render("docs/index.md", larger)
 
 
+def test_what_more_joints_say_stands_in_the_report(larger: Path) -> None:
+    rows = [
+        ("as written", 3, 250, "visits", 1.1, 5, -0.1, -0.2, -0.05),
+        ("best", 3, 250, "visits", 1.1, 5, 0.1, 0.05, 0.2),
+    ]
+    columns = ["pair", "links", "k", "law", "delta", "datasets", "advantage", "low", "high"]
+    write_table(larger / "joints" / "joints.csv", pd.DataFrame(rows, columns=columns))
+    states = pd.DataFrame({"id": list("abc"), "state": ["holds", "holds", "open"]})
+    write_table(larger / "joints" / "joints_predictions.csv", states)
+    report = render("REPORT.md", larger)
+    assert "the map as written against an SVM: learned from 250 states it costs at n = 3." in report
+    assert "learned from 250 states it pays at n = 3." in report
+    assert "2 of 3 hold, 0 fail, 1 are open" in report and f"{NOT_RUN}joints`" not in report
+
+
 def test_every_part_that_was_not_run_says_so(larger: Path) -> None:
     """And is not said to be so where it was."""
     report, opened = render("REPORT.md", larger), "Not run, and not claimed: "
     missing = "; ".join(text for name, (_, text) in LONG.items() if name != LARGER)
     assert f"{opened}{missing}." in render("README.md", larger)
-    for name in ("multiverse", "crossed", "caution", "shift"):
+    for name in ("multiverse", "crossed", "caution", "shift", "joints"):
         assert f"{NOT_RUN}{name}`" in report
     for name in ("crossed", "caution", "shift", "calibrated"):
         (larger / name).mkdir()
         write_table(larger / name / "measures.csv", measures())
     readme, report = (render(name, larger) for name in documents.TOP)
-    assert f"{opened}the multiverse." in readme and "**Γ's evidence** lies" in readme
-    assert report.count(NOT_RUN) == 1 and "; 0 verdicts differ." in report
+    assert f"{opened}the multiverse; more joints." in readme and "**Γ's evidence** lies" in readme
+    assert report.count(NOT_RUN) == 2 and "; 0 verdicts differ." in report
     by_step = "*Not run: measures by the steps of a training"
     assert by_step not in report
     (larger / "seeds_10" / "verdict_by_step.csv").unlink()

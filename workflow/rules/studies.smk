@@ -1,5 +1,5 @@
 # The studies beside the grid: in each universe, data, regions and runs. A universe is one job, which goes on where
-# it was killed; its data, runs and checkpoints are therefore no outputs of the rule.
+# it was killed; its data, runs and checkpoints are therefore no outputs of the rule. So are the cells of joints.
 
 UNIVERSES = {}
 if STUDY:
@@ -122,3 +122,43 @@ rule shift:
         parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
     shell:
         execute("18_shift")
+
+
+JOBS = []
+if STUDY == "joints":
+    from replication.studies.joints.cells import design
+
+    JOBS = list(design(config["few"]).jobs)
+
+
+rule joints_cells:
+    input:
+        command("replication", "replication/studies/joints/cells.py"),
+    output:
+        f"{RESULTS}/cells/{{job}}__scores.csv",
+        f"{RESULTS}/cells/{{job}}__times.csv",
+    priority: SECOND
+    params:
+        values=config["values"],
+        few="--few" if config["few"] else "",
+    shell:
+        f"{PYTHON} -m replication joints {{wildcards.job}} --out {shlex.quote(RESULTS)}/cells {{params.few}}"
+
+
+rule joints:
+    input:
+        notebook("20_joints"),
+        "replication/studies/joints/predictions.toml",
+        expand(f"{RESULTS}/cells/{{job}}__scores.csv", job=JOBS),
+    output:
+        notebook=f"{EXECUTED}/20_joints.ipynb",
+        figures=expand(f"{FIGURES}/{{figure}}.pdf", figure=["joints", "joints_ladder", "joints_coverage"]),
+        tables=expand(f"{FIGURES}/joints_{{table}}.csv", table=["scores", "recall", "predictions"]),
+    priority: LONG
+    params:
+        values=config["values"],
+        parameters=parameters(
+            FIGURES=f"../{FIGURES}", JOBS=JOBS, FEW=config["few"], NOTE="reduced: a small design" if config["few"] else ""
+        ),
+    shell:
+        execute("20_joints")

@@ -1,0 +1,120 @@
+"""What the study of joints shows: where a low dimension pays, every hypothesis, and what the data cover."""
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from replication.plots.style import GRID, GUIDE, INK, MARKERS, OTHER_MARKER, color, label
+from replication.studies.joints.answer import PAIRS, RECALL
+from replication.studies.joints.cells import LAWS, MIXED
+from replication.studies.joints.rungs import CEILING, MAPS, RUNGS, WHOLE
+
+PANELS = (("visits", 1.1), ("visits", 4.0), ("UD", 1.1))  # law of the test states, and Δ of their labels
+WHERE = {"UD": "UD", "MND": "MND", "visits": "random policy"}
+K_MAP, RUNG_MAP = "viridis", "tab10"  # of k, and of the hypotheses
+SHIFT = 0.08  # between lines side by side, in joints
+MARKS = (*MARKERS.values(), OTHER_MARKER)
+FALSE = f"false_positives_{RECALL:g}"
+
+
+def ladder(means: pd.DataFrame) -> pd.DataFrame:
+    """The rows of `averaged` for `plot_ladder`: of the k with most hypotheses, at α = `MIXED`."""
+    mixed = means[means["alpha"].astype(str) == MIXED]
+    counts = mixed.groupby("k")["hypothesis"].nunique()
+    rows: pd.DataFrame = mixed[mixed["k"] == counts[counts == counts.max()].index.max()]
+    columns = ["links", "k", "law", "delta", "hypothesis", "datasets", FALSE, f"{FALSE}_half"]
+    return rows[columns].reset_index(drop=True)
+
+
+def coverage(means: pd.DataFrame) -> pd.DataFrame:
+    """The rows of `averaged` that `plot_coverage` draws: of an SVM, of the k that `ladder` shows."""
+    k = ladder(means)["k"].iloc[0]
+    rows: pd.DataFrame = means[(means["hypothesis"] == "svm") & (means["k"] == k)]
+    columns = ["links", "k", "alpha", "law", "delta", "datasets", "safe", FALSE, f"{FALSE}_half"]
+    return rows[columns].reset_index(drop=True)
+
+
+def plot_advantages(found: pd.DataFrame) -> Figure:
+    """The advantage of a low dimension against n: a line for each k, a row of panels for each pair.
+
+    found: of `advantages`. Bars are 95 % intervals over datasets; there is none of a single dataset.
+    """
+    figure, axes = plt.subplots(len(PAIRS), len(PANELS), figsize=(9.0, 5.2), sharex=True, sharey="row")
+    ks = sorted(found["k"].unique())
+    shades = [mpl.colors.to_hex(mpl.colormaps[K_MAP](v)) for v in np.linspace(0.1, 0.85, len(ks))]
+    for row, (pair, (_, _, text)) in zip(axes, PAIRS.items(), strict=True):
+        for ax, (law, delta) in zip(row, PANELS, strict=True):
+            own = found[(found["pair"] == pair) & (found["law"] == law) & (found["delta"] == delta)]
+            ax.axhline(0, color=GUIDE, linewidth=0.8)
+            for i, (k, shade) in enumerate(zip(ks, shades, strict=True)):
+                line = own[own["k"] == k]
+                place = line["links"] + SHIFT * (i - (len(ks) - 1) / 2)
+                width = [line["advantage"] - line["low"], line["high"] - line["advantage"]]
+                look = {"color": shade, "marker": MARKS[i % len(MARKS)], "markersize": 4, "linewidth": 1}
+                ax.errorbar(place, line["advantage"], np.nan_to_num(width), label=f"k = {k}", **look)
+        words = text.split(" against ")
+        row[0].set_ylabel(f"advantage of {words[0]}\nover {words[1]}", fontsize=8)
+        low, high = row[0].get_ylim()
+        row[0].set_ylim(max(low, -1), min(high, 1))  # of a difference of shares
+    for ax, (law, delta) in zip(axes[0], PANELS, strict=True):
+        ax.set_title(rf"{WHERE[law]}, $\Delta = {delta:g}$")
+    _joints(axes[-1])
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(ks))
+    return figure
+
+
+def plot_ladder(rows: pd.DataFrame) -> Figure:
+    """Share of the unsafe states that each hypothesis accepts at equal recall; rows: of `ladder`."""
+    figure, axes = plt.subplots(2, len(PANELS), figsize=(9.0, 5.6), sharex=True, sharey=True)
+    for line, (title, names) in zip(axes, (("a map", MAPS), ("the whole state", WHOLE)), strict=True):
+        shown = [*names, *([CEILING] if CEILING not in names else [])]
+        for ax, (law, delta) in zip(line, PANELS, strict=True):
+            own = rows[(rows["law"] == law) & (rows["delta"] == delta)]
+            for i, name in enumerate(shown):
+                part = own[own["hypothesis"] == name].sort_values("links")
+                tint = INK if name == CEILING else mpl.colors.to_hex(mpl.colormaps[RUNG_MAP](i))
+                look = {"marker": MARKS[i % len(MARKS)], "color": tint, "markersize": 3.5, "linewidth": 1}
+                ax.plot(part["links"], part[FALSE], label=RUNGS[name].text, **look)
+            ax.axhline(RECALL, color=GUIDE, linewidth=0.6, linestyle=":")
+        line[0].set_ylabel(f"by {title}: unsafe states\naccepted at a recall of {RECALL:g}", fontsize=8)
+        line[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    for ax, (law, delta) in zip(axes[0], PANELS, strict=True):
+        ax.set_title(rf"{WHERE[law]}, $\Delta = {delta:g}$")
+    _joints(axes[-1])
+    return figure
+
+
+def plot_coverage(rows: pd.DataFrame) -> Figure:
+    """Left: the share of safe states by law, nominal. Right: what an SVM accepts of visited states, by α.
+
+    rows: of `coverage`.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 2.9), sharex=True)
+    for i, law in enumerate(LAWS):
+        own = rows[(rows["law"] == law) & (rows["delta"] == 1.0) & (rows["alpha"].astype(str) == MIXED)]
+        tint = mpl.colors.to_hex(mpl.colormaps[RUNG_MAP](i))
+        left.plot(own["links"], own["safe"], marker=MARKS[i], markersize=4, color=tint, label=WHERE[law])
+    visited = rows[(rows["law"] == "visits") & (rows["delta"] == PANELS[0][1])]
+    for alpha, own in visited.groupby(visited["alpha"].astype(str)):
+        width = own[f"{FALSE}_half"].fillna(0)
+        look = {"marker": MARKERS.get(str(alpha), OTHER_MARKER), "color": color(str(alpha)), "markersize": 4}
+        right.errorbar(own["links"], own[FALSE], width, label=label(str(alpha)), **look)
+    right.axhline(RECALL, color=GUIDE, linewidth=0.6, linestyle=":")
+    left.set(ylabel="safe states, nominal", ylim=(0, 1))
+    right.set(ylabel=f"unsafe visits that an SVM\naccepts at a recall of {RECALL:g}", ylim=(0, 1))
+    for ax in (left, right):
+        ax.legend(fontsize=7)
+        ax.grid(axis="y", color=GRID)
+        ax.set_axisbelow(True)
+    _joints([left, right])
+    return figure
+
+
+def _joints(axes: "list[Axes] | np.ndarray") -> None:
+    for ax in axes:
+        ax.set_xlabel("joints $n$")
+        ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(integer=True))

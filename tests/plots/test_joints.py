@@ -1,0 +1,58 @@
+"""The figures of the study of joints: a line for each k, a panel for each pair, law and Δ."""
+
+from itertools import product
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from replication.plots.joints import PANELS, coverage, ladder, plot_advantages, plot_coverage, plot_ladder
+from replication.studies.joints.answer import PAIRS
+from replication.studies.joints.cells import ALPHAS, DELTAS, LAWS, SCORES
+from replication.studies.joints.rungs import MAPS, RUNGS, WHOLE
+
+
+def test_every_pair_law_and_number_of_states_is_drawn_with_its_interval() -> None:
+    rows = [
+        (p, n, k, law, d, 5, 0.1 * n, 0.1 * n - 0.05, 0.1 * n + 0.05)
+        for p, n, k, (law, d) in product(PAIRS, (2, 3), (250, 1000), PANELS)
+    ]
+    columns = ["pair", "links", "k", "law", "delta", "datasets", "advantage", "low", "high"]
+    figure = plot_advantages(pd.DataFrame(rows, columns=columns))
+    assert len(figure.axes) == len(PAIRS) * len(PANELS)
+    for ax in figure.axes:
+        assert [c.get_label() for c in ax.containers] == ["k = 250", "k = 1000"]
+        (line, _, (bars,)) = ax.containers[0]
+        assert np.allclose(line.get_ydata(), [0.2, 0.3])
+        assert np.allclose([s[1, 1] - s[0, 1] for s in bars.get_segments()], 0.1)
+    plt.close(figure)
+
+
+def means() -> pd.DataFrame:
+    """Of two k, of which the smaller has one hypothesis less."""
+    rows = []
+    for n, k, alpha, law, d, name in product((2, 3), (250, 1000), ALPHAS, LAWS, DELTAS, RUNGS):
+        if (k, name) != (250, "nca"):
+            rows.append((n, k, alpha, law, d, name, 5, 0.5, *(0.2,) * len(SCORES), *(0.1,) * len(SCORES)))
+    halves = [f"{name}_half" for name in SCORES]
+    columns = ["links", "k", "alpha", "law", "delta", "hypothesis", "datasets", "safe", *SCORES, *halves]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_the_ladder_is_of_the_k_with_all_hypotheses() -> None:
+    shown = ladder(means())
+    assert set(shown["k"]) == {1000} and len(shown) == 2 * len(LAWS) * len(DELTAS) * len(RUNGS)
+    figure = plot_ladder(shown)
+    of_maps, of_whole = figure.axes[0], figure.axes[len(PANELS)]
+    assert len(of_maps.lines) == len(MAPS) + 2 and len(of_whole.lines) == len(WHOLE) + 2  # simulation, recall
+    assert all(len(line.get_xdata()) == 2 for line in of_maps.lines)
+    plt.close(figure)
+
+
+def test_coverage_has_a_line_for_each_law_and_for_each_share() -> None:
+    rows = coverage(means())
+    assert set(rows["k"]) == {1000} and len(rows) == 2 * len(ALPHAS) * len(LAWS) * len(DELTAS)
+    figure = plot_coverage(rows)
+    left, right = figure.axes
+    assert len(left.lines) == len(LAWS) and len(right.containers) == len(ALPHAS)
+    plt.close(figure)
