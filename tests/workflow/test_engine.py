@@ -67,7 +67,7 @@ def test_the_workflow_plans_one_job_per_notebook_and_run(tmp_path: Path) -> None
     assert (
         counts["training_run"] == counts["run_measures"] == "36" and counts["data"] == counts["region"] == "9"
     )
-    assert counts["total"] == "111"
+    assert counts["total"] == "112"
     assert not (ROOT / "results" / "nowhere").exists()
 
 
