@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,7 @@ class Stub:
     """A region whose Γ is the first coordinate within [0, 1], and whose y are the first two."""
 
     p_t = 0.8
-    state_max = Config().paper.state_max
+    arrays_ = SimpleNamespace(scale=np.array(Config().paper.state_max))
 
     def safety(self, x: np.ndarray) -> np.ndarray:
         return np.clip(x[:, 0], 0, 1)
