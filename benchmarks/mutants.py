@@ -253,7 +253,9 @@ def _child(
     own = Path(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
     if base.exists() and not own.exists():
         shutil.copytree(base, own, copy_function=os.link, ignore=shutil.ignore_patterns(*stale))
-    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--no-header", *arguments]))
+    # no limit by the clock for a single test: it would take the alarm of this process
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--no-header", "-o", "timeout=0"]
+    return int(pytest.main([*options, *arguments]))
 
 
 def attempt(
