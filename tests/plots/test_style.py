@@ -190,7 +190,7 @@ def test_another_folder_user_time_and_locale_give_the_same_bytes(tmp_path: Path)
 
 def test_the_font_is_the_one_that_matplotlib_brings() -> None:
     found = font_manager.findfont(style.FONT, fallback_to_default=False)
-    assert Path(found).is_relative_to(matplotlib.get_data_path())
+    assert Path(found).resolve().is_relative_to(Path(matplotlib.get_data_path()).resolve())
 
 
 def test_a_note_is_on_the_figure_and_an_empty_one_changes_nothing(tmp_path: Path) -> None:
