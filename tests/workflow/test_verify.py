@@ -296,4 +296,6 @@ def test_all_that_is_wrong_with_the_tables_is_said(
     wrong = said[-1 - len(expected) : -1]
     assert all(line.startswith(start) for line, start in zip(wrong, expected, strict=True))
     assert said[-1].startswith(f"{len(expected)} differences (")
-    assert said[0].startswith("figures/full, primary: budgets, choices_calibration")
+    assert said[0].startswith(
+        "figures/full, primary: any_cartpole, any_pendulum, budgets, choices_calibration"
+    )
