@@ -21,6 +21,7 @@ from srlrepro.dynamics.lqg import LQG, lqg_update
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.dynamics.stepped_loop import StateRule
+from srlrepro.learner.trials import transitions
 from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
@@ -171,6 +172,13 @@ def test_k_of_the_nominal_system_runs_on_the_real_one_from_the_unsafe_state(
     np.testing.assert_array_equal(env.task.state, stands)
     env.reset()
     assert env.recovery is None
+
+
+def test_transitions_end_where_the_policy_has_left_the_task(supervise: Supervise) -> None:
+    env, act = supervise(unsafe_at(5)), random_policy(3)
+    *_, last = transitions(env, lambda _: act())
+    assert env.recovery is not None
+    np.testing.assert_array_equal(last.following, env.recovery.paths[0, 0])
 
 
 def test_an_unforeseen_fall_comes_before_the_supervisor(supervise: Supervise) -> None:
@@ -466,10 +474,16 @@ def test_stock_ppo_learns_another_system_under_a_supervisor() -> None:
     from stable_baselines3 import PPO
 
     region = SimpleNamespace(predict=lambda x: (np.abs(x[:, 2]) < 0.1).astype(int))
-    model = PPO("MlpPolicy", cart_with(region), n_steps=128, batch_size=32, device="cpu", seed=0).learn(256)
-    ended = model.env.buf_infos[0] if model.env.buf_infos[0].get("activated") else None  # type: ignore[union-attr]
-    assert model.num_timesteps == 256 and len(model.ep_info_buffer) > 5  # type: ignore[arg-type]
-    assert ended is None or ended["outcome"] == "supervised"
+    infos: list[dict[str, Any]] = []
+
+    def note(found: dict[str, Any], _: dict[str, Any]) -> bool:
+        infos.append(found["infos"][0])
+        return True
+
+    PPO("MlpPolicy", cart_with(region), n_steps=128, batch_size=32, device="cpu", seed=0).learn(256, note)
+    ended = [info for info in infos if "episode" in info]
+    assert len(infos) == 256 and len(ended) > 5
+    assert all(info["activated"] and info["outcome"] == "supervised" for info in ended)
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Floats]:
