@@ -27,6 +27,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from importlib import import_module
@@ -234,6 +235,8 @@ def _child(
 ) -> int:
     """Run pytest in a copy, in a process that has been forked for it; its exit status."""
     os.setsid()
+    # Python 3.11 forgets it in a fork; by it matplotlib knows that this is the main thread
+    threading.main_thread()._set_native_id()  # type: ignore[attr-defined]
     resource.setrlimit(resource.RLIMIT_CPU, (round(limit), round(limit) + 5))
     signal.alarm(round(PATIENCE * limit))
     with log.open("wb") as file:
