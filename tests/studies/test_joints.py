@@ -200,6 +200,8 @@ def test_scores_are_those_of_their_definitions() -> None:
     assert found["false_positives_0.5"] == pytest.approx(0.25 * 0.5 / 0.75)
     assert found["false_positives_0.8"] == pytest.approx(0.25 + 0.75 * 0.05 / 0.25)
     assert scores_of(np.ones(160, int), safety) == {}
+    apart = scores_of(np.array([0, 1] * 40), np.array([0.75, 0.95] * 40))  # in one bin they would even out
+    assert apart["calibration"] == pytest.approx((0.75 + 0.05) / 2)
 
 
 def test_every_cell_has_its_hypotheses_and_the_cut_is_as_told() -> None:
@@ -331,6 +333,13 @@ def test_a_prediction_is_judged_by_its_interval(
         "records"
     )
     assert row["state"] == state and row["datasets"] == (0 if of == "knn" else 4)
+
+
+def test_an_interval_on_both_sides_of_the_bound_leaves_a_prediction_open() -> None:
+    above, below, within = (Prediction("id", "words", "svm", e, 0.1, WHERE) for e in answer.EXPECTED)
+    assert [p.judge(0.05, 0.15) for p in (above, below, within)] == [OPEN] * 3
+    assert [p.judge(-0.3, 0.05) for p in (above, below, within)] == [FAILS, HOLDS, OPEN]
+    assert [p.judge(np.nan, np.nan) for p in (above, below, within)] == [OPEN] * 3
 
 
 def test_a_prediction_may_compare_two_places() -> None:
