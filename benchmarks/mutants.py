@@ -310,7 +310,7 @@ def copy_of(commit: str, place: Path) -> Path:
 
 def kernels(checkout: Path, place: Path) -> Path:
     """The folder in which the kernels of a copy are kept."""
-    ask = "import srlrepro.compiled.jit, numba; print(numba.config.CACHE_DIR)  # type: ignore[attr-defined]"
+    ask = "import srlrepro.compiled.jit, numba; print(numba.config.CACHE_DIR)"
     environment = os.environ | {"NUMBA_CACHE_DIR": str(place / "kernels"), "PYTHONPATH": str(checkout)}
     command = [sys.executable, "-B", "-c", ask]
     done = subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True, text=True)

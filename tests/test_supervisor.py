@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import RecordEpisodeStatistics
 from learned import Learned
+from own_controller import UNIT, OwnLQG
 from sklearn.svm import SVC
 
 from srlrepro import ENVIRONMENT
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import ClosedLoop
-from srlrepro.dynamics.lqg import LQG, lqg_update
+from srlrepro.dynamics.lqg import LQG
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.rendering import PendulumView
 from srlrepro.dynamics.stepped_loop import StateRule
@@ -46,25 +47,7 @@ def unsafe_at(query: int) -> Hypothesis:
     return SimpleNamespace(predict=predict, asked=asked)
 
 
-UNIT = 64.0  # N·m of an action of 1: a power of two, by which K's torques are divided without rounding
 Supervise = Callable[..., Supervisor]
-
-
-class OwnLQG:
-    """K once more as a controller that somebody brings: an action at a time, with a memory of its own."""
-
-    gains = LQG().arrays
-
-    def __init__(self) -> None:
-        self.xbar = np.zeros(6)
-
-    def reset(self, x: Floats) -> None:
-        self.xbar = x.copy()
-
-    def action(self, x: Floats) -> Floats:
-        u = np.zeros(3)
-        lqg_update(self.gains, self.xbar, x, u)
-        return u / UNIT
 
 
 def compiled(region: Hypothesis, delta: float = 1.0, **values: Any) -> Supervisor:

@@ -5,28 +5,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from own_controller import UNIT, OwnLQG
 
 from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
 from srlrepro.dynamics.closed_loop import NOT_RECOVERED, RECOVERED, ClosedLoop, is_upright
-from srlrepro.dynamics.lqg import LQG, lqg_update
+from srlrepro.dynamics.lqg import LQG
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.stepped_loop import FAILED, StateRule, SteppedLoop
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
-
-UNIT = 64.0  # N·m of an action of 1: a power of two, by which K's torques are divided without rounding
-
-
-class OwnLQG:
-    gains = LQG().arrays
-
-    def reset(self, x: Floats) -> None:
-        self.xbar = x.copy()
-
-    def action(self, x: Floats) -> Floats:
-        u = np.zeros(3)
-        lqg_update(self.gains, self.xbar, x, u)
-        return u / UNIT
 
 
 def test_rollouts_of_the_pendulum_are_those_of_compiled_code(draw: Any) -> None:
