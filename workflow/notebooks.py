@@ -23,7 +23,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from srlrepro.pins import pins
+from srlrepro.pins import ARITHMETIC, pins
 from srlrepro.settings.condition import NONE, Condition, alpha_text
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError, check, one_line
@@ -149,7 +149,7 @@ def execute(
     before, started, code = [_written(path) for path in results], time.monotonic(), code_of(str(notebook))
     with beside(output) as temporary, tempfile.TemporaryDirectory() as private, _told(pins()):
         os.environ.update(IPYTHONDIR=private, JUPYTER_RUNTIME_DIR=private)
-        os.environ[MADE_BY] = _made_by(notebook, parameters, code)
+        os.environ[MADE_BY] = _made_by(notebook, parameters)
         transport = {"transport": "ipc", "ip": f"{private}/kernel"}  # kernels side by side race for ports
         try:
             papermill.execute_notebook(
@@ -186,9 +186,12 @@ def execute(
         write_json(record, {"parameters": parameters} | made | {"sha256": digests})
 
 
-def _made_by(notebook: Path, parameters: dict[str, Any], code: str) -> str:
-    """What a notebook's figures carry as their record, JSON of at most `LONGEST_RECORD` characters."""
-    made = {"notebook": notebook.name, "parameters": parameters, "code": code}
+def _made_by(notebook: Path, parameters: dict[str, Any]) -> str:
+    """What a notebook's figures carry as their record, JSON of at most `LONGEST_RECORD` characters.
+
+    No digest of the sources is in it: better words in one of them shall change no figure.
+    """
+    made = {"notebook": notebook.name, "parameters": parameters, "arithmetic": ARITHMETIC}
     made["command"] = os.environ.get(COMMAND_VARIABLE, "")
     text = json.dumps(made, ensure_ascii=True, sort_keys=True)
     if len(text) > LONGEST_RECORD:

@@ -1,7 +1,7 @@
 """What made a figure, as JSON in the figure's own file.
 
 The text chunk "Provenance" of a PNG, the Subject of a PDF and the comment of a GIF hold it: notebook,
-parameters, hash of the code, command. Who executes a notebook gives it in the environment variable `MADE_BY`.
+parameters, number of the arithmetic, command. Who executes a notebook gives it in the variable `MADE_BY`.
 """
 
 import json
@@ -30,7 +30,7 @@ def made_by() -> str:
 
 
 def read_made_by(figure: Path) -> dict[str, Any]:
-    """What made a figure, by the record in it: notebook, parameters, code and command, or `BY_HAND`.
+    """What made a figure, by the record in it: notebook, parameters, arithmetic and command, or `BY_HAND`.
 
     `ResultError`: the file is missing, too large, no PNG, PDF or GIF, or holds no such record.
     """

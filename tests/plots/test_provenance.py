@@ -23,7 +23,7 @@ RECORD = {
         "NOTE": r"a (b) \c «Δ»",
         "SETTINGS": {"p_t": 0.5},
     },
-    "code": "0123456789abcdef",
+    "arithmetic": 1,
     "command": "./reproduce.sh --set 'p_t=0.5'",
 }
 FORMATS = pytest.mark.parametrize("suffix", [".png", ".pdf", ".gif"])
@@ -65,7 +65,7 @@ def test_the_command_prints_the_record_in_lines(
     printed = capsys.readouterr().out.splitlines()
     assert printed[:2] == ["notebook: 06_learning_performance.ipynb", "parameters:"]
     assert r"  NOTE = a (b) \c «Δ»" in printed and '  SETTINGS = {"p_t": 0.5}' in printed
-    assert printed[-2:] == ["code: 0123456789abcdef", "command: ./reproduce.sh --set 'p_t=0.5'"]
+    assert printed[-2:] == ["arithmetic: 1", "command: ./reproduce.sh --set 'p_t=0.5'"]
 
 
 @pytest.mark.parametrize(
