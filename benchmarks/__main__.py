@@ -5,6 +5,7 @@ from pathlib import Path
 from benchmarks.learner import kernels, measure, start, summary
 from srlrepro.command_line import Parser
 from srlrepro.storage.files import write_table
+from srlrepro.storage.provenance import processor
 
 OUT = Path(__file__).parent.parent / "docs" / "records" / "benchmark.csv"
 
@@ -20,6 +21,7 @@ def main() -> None:
     if arguments.turns < 1:
         parser.error(f"--turns = {arguments.turns}: must be a whole number in [1, inf)")
     table = summary([*measure(arguments.turns), *kernels(arguments.turns), start()])
+    table["processor"] = processor()
     write_table(arguments.out, table, digits=4)
     print(table.to_string(index=False, float_format="{:.3g}".format))
 

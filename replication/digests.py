@@ -4,11 +4,13 @@ The list is in sha256sum's own format: ``sha256sum --check sha256.txt`` in the f
 """
 
 from pathlib import Path
+from typing import Any
 
-from srlrepro.storage.files import beside, existing, sha256
+from srlrepro.storage.files import ResultError, beside, existing, read_json, sha256
 
 DIGESTS = "sha256.txt"
 SET = "workflow.json"  # in a folder of figures: the configuration of the workflow that made the set
+KINDS = {"arithmetic": int, "steps": int, "study": str}  # of entries of SET that decide how a set is read
 WITH_DIGESTS = ("*.csv", "*.md", "api/*.md", SET, "records.json", "records/*")
 
 
@@ -30,3 +32,17 @@ def changed(folder: Path) -> list[str]:
     kept = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
     found = digests(folder)
     return sorted(name for name in kept.keys() | found.keys() if kept.get(name) != found.get(name))
+
+
+def read_set(file: Path) -> dict[str, Any]:
+    """The configuration of the workflow behind a set of results; `ResultError`: the file holds none."""
+    found: Any = read_json(file)
+    if not (
+        isinstance(found, dict) and all(_fits(found[name], KINDS[name]) for name in KINDS if name in found)
+    ):
+        raise ResultError(f"{file} is no configuration of the workflow")
+    return found
+
+
+def _fits(value: Any, kind: type) -> bool:
+    return isinstance(value, kind) and not isinstance(value, bool)

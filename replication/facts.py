@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from replication.digests import SET, read_set
 from replication.evidence.claims import LAYERS, MEASURE_COLUMNS, RATES, VERDICTS, load_claims
 from replication.evidence.measures import TEST_STATES, read_measures
 from replication.evidence.verdicts import (
@@ -88,8 +89,8 @@ class Facts:
     @property
     def earlier(self) -> list[str]:
         """The sets of results that rest on another arithmetic, made before or beside the present one."""
-        sets = sorted(self.figures.glob("*/workflow.json"))
-        return [path.parent.name for path in sets if read_json(path).get("arithmetic", 0) != ARITHMETIC]
+        sets = sorted(self.figures.glob(f"*/{SET}"))
+        return [path.parent.name for path in sets if read_set(path).get("arithmetic", 0) != ARITHMETIC]
 
     def table(self, *place: str) -> list[Row]:
         """The rows of a table of results, or of the records by its name alone; None where a cell is empty."""
@@ -382,7 +383,7 @@ class Facts:
             "often": [row for row in tested if row["share"] >= 1 - SELDOM],
             "between": [row for row in tested if SELDOM < row["share"] < 1 - SELDOM],
             "seldom": [row for row in tested if row["share"] <= SELDOM],
-            "steps": read_json(folder / "workflow.json")["steps"],
+            "steps": read_set(folder / SET)["steps"],
             "choices": len(usual) - len(DRAWS),
             "moved": moving.groupby("claim")["choice"].agg(list).to_dict(),
             "chance": flips.loc[flips["choice"].isin(DRAWS), "claim"].nunique(),

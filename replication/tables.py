@@ -17,7 +17,7 @@ from typing import NamedTuple
 import pandas as pd
 from scipy.spatial.distance import cdist
 
-from replication.digests import SET
+from replication.digests import SET, read_set
 from replication.evidence.claims import MEASURE_COLUMNS, judge_claims, load_claims
 from replication.evidence.measures import SATISFYING, first_link_shares, log_odds, measure_rows, read_measures
 from replication.evidence.statistics import final_performance
@@ -31,7 +31,7 @@ from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
 from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
-from srlrepro.storage.files import ResultError, existing, read_json, read_table
+from srlrepro.storage.files import ResultError, existing, read_table
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 # A notebook derives from numbers with all their digits, of which a table has four to six. A difference of two
@@ -142,7 +142,7 @@ def is_new(folder: Path) -> bool:
 
     Older ones judged measures before these were rounded, and ranked what differed by rounding alone.
     """
-    return "arithmetic" in read_json(folder / SET)
+    return "arithmetic" in read_set(folder / SET)
 
 
 def judged(folder: Path) -> Iterator[Found]:
@@ -336,9 +336,9 @@ def disagreement(folder: Path, found: Found) -> Difference | None:
 
 def shared(one: Path, other: Path) -> Iterator[Found]:
     """What a set says of the runs that another set has too, if both have taken them from the same folder."""
-    sets = [read_json(folder / SET) for folder in (one, other)]
+    sets = [read_set(folder / SET) for folder in (one, other)]
     keys = ("cells", "steps", "values", "arithmetic")
-    if any(sets[0].get(key) != sets[1].get(key) for key in keys) or sets[0]["study"]:
+    if any(sets[0].get(key) != sets[1].get(key) for key in keys) or sets[0].get("study"):
         return
     for name, group in SHARED.items():
         mine, theirs = (read_table(folder / f"{name}.csv", RUN, text=("alpha",)) for folder in (one, other))

@@ -9,7 +9,8 @@ import pytest
 
 from replication import tables
 from replication.digests import DIGESTS, SET, changed, write_digests
-from replication.tables import RUN, Difference, disagreement, first_difference, found_in, near, shared
+from replication.facts import Facts
+from replication.tables import RUN, Difference, disagreement, first_difference, found_in, is_new, near, shared
 from srlrepro.storage.files import ResultError, write_json, write_table
 
 ROOT = Path(__file__).parent.parent
@@ -122,6 +123,23 @@ def test_two_sets_say_the_same_of_their_runs(tmp_path: Path) -> None:
     assert found == Difference("figures/large/fig3_def_counts.csv", 3, "value", "2", "1")
     write_json(large / SET, config | {"arithmetic": 2})
     assert list(shared(small, large)) == []
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [[], "arithmetic", None, {"arithmetic": "1"}, {"arithmetic": True}, {"steps": 1.5}, {"study": []}],
+)
+def test_a_forged_set_is_refused_in_one_line(forged: object, tmp_path: Path) -> None:
+    facts = Facts(tmp_path, tmp_path)
+    write_json(tmp_path / "full" / SET, {"arithmetic": 0})
+    write_json(tmp_path / "forged" / SET, forged)
+    for reader in (
+        lambda: is_new(tmp_path / "forged"),
+        lambda: list(shared(tmp_path / "full", tmp_path / "forged")),
+        lambda: facts.earlier,
+    ):
+        with pytest.raises(ResultError, match=r"^\S+workflow\.json is no configuration of the workflow$"):
+            reader()
 
 
 def test_the_digests_are_those_of_sha256sum(tmp_path: Path) -> None:

@@ -16,14 +16,14 @@ import re
 import shlex
 import tomllib
 from functools import partial
-from pathlib import Path
 from typing import Any
 
+from replication.digests import read_set
 from srlrepro.pins import ARITHMETIC
 from srlrepro.settings.condition import alpha_text
 from srlrepro.settings.config import Config, parse_settings
 from srlrepro.settings.fields import ParameterError, check, check_whole
-from srlrepro.storage.files import ResultError, read_json
+from srlrepro.storage.files import ResultError
 from workflow import ROOT
 from workflow.command_line import ALPHAS, DELTAS, LONGEST, SEEDS, STUDIES, TESTS
 
@@ -230,14 +230,6 @@ def plan(arguments: argparse.Namespace) -> dict[str, Any]:
         check_is_free(planned | {"name": own_name})
         planned |= {"name": own_name, "look": own_name, "cells": own_name}
     return planned | {"only": only}
-
-
-def read_set(file: Path) -> dict[str, Any]:
-    """The configuration of the workflow behind a set of results; `ResultError`: the file holds none."""
-    found = read_json(file)
-    if not isinstance(found, dict):
-        raise ResultError(f"{file} is no configuration of the workflow")
-    return found
 
 
 def check_is_free(planned: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from replication.digests import DIGESTS, SET, changed
+from replication.digests import DIGESTS, SET, changed, read_set
 from replication.evidence.claims import GRID, load_claims
 from replication.evidence.measures import read_measures
 from replication.evidence.results import read_curves, read_run_measures, read_runs
@@ -36,7 +36,7 @@ from srlrepro.storage.provenance import processor
 from workflow import ROOT
 from workflow.command_line import CORES, LIMIT_VARIABLE, VERIFIED
 from workflow.engine import INTERRUPTED, supervise
-from workflow.plan import check_limit, read_set
+from workflow.plan import check_limit
 
 SOURCES = ("srlrepro", "replication", "workflow", "notebooks")  # all that a cell is made of
 NOT_COPIED = ("__pycache__", "executed")
