@@ -60,7 +60,7 @@ def joints(arguments: argparse.Namespace) -> None:
     """Learn and score every hypothesis in the cells of one number of joints and one dataset."""
     from replication.studies.joints.cells import write_job
 
-    rows = write_job(arguments.job, arguments.out, arguments.few)
+    rows = write_job(arguments.job, arguments.out, arguments.few, arguments.learners, arguments.cell or ())
     print(f"{rows} scores of {arguments.job}")
 
 
@@ -137,6 +137,10 @@ def make_parser() -> argparse.ArgumentParser:
     sub = command("joints", joints, text)
     sub.add_argument("job", metavar="JOB", help="such as links_3__dataset_0")
     sub.add_argument("--few", action="store_true", help="of the small design")
+    sub.add_argument(
+        "--learners", type=path, metavar="UNIVERSE", help="whose free learners' states are asked"
+    )
+    sub.add_argument("--cell", action="append", help="only this cell, such as k_250__alpha_0")
     sub.add_argument("--out", type=path, required=True, help="folder to write; finished cells are kept there")
     sub = command("provenance", provenance, "Print what made a figure.")
     sub.add_argument("figure", type=path, metavar="FIGURE", help=".png, .pdf or .gif")

@@ -4,9 +4,9 @@
 - "calibrated": the grid with Γ's evidence, and what goes with it, as held-out calibration chose them;
 - "crossed": every dataset with every learner seed, so that the variance of the two can be told apart;
 - "caution": thresholds p_t with shares α, under the paper's region and under an SVM of the whole state;
-- "shift": distributions D_n that Theorem 1 advises, nearer to the D of the learner, α = 0 in all but one.
-
-"joints" trains nothing and has no universes, but the cells of `joints.cells`.
+- "shift": distributions D_n that Theorem 1 advises, nearer to the D of the learner, α = 0 in all but one;
+- "joints": numbers of joints with the ends of α, under the paper's region and under `WHOLE_STATE`, each with
+  the p_t that gives `RECALL`. Beside them are the cells of `joints.cells`, which train nothing.
 
 Where datasets and learners are not crossed, a dataset has the learner of its own number. The id of a universe
 says what tells it from the others, `tells` reads it.
@@ -22,8 +22,10 @@ import pandas as pd
 from replication.evidence.measures import read_measures
 from replication.evidence.results import RECORD, TrainedRun, read_run
 from replication.studies import multiverse
+from replication.studies.joints.chains import learning
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.condition import NONE
+from srlrepro.settings.config import Config
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import read_table, write_table
 
@@ -48,6 +50,10 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {  # of D_n: α, and what diff
     REFITTED: ("0", {}),
     WEIGHTED: ("1", {"gamma_weights": "density ratio"}),
 }
+LINKS, FEW_LINKS = (2, 3, 4, 5), (2, 3)  # joints with learners, of all and of a quick study
+ENDS_OF_ALPHA = ("0", "1")
+WHOLE_STATE = "svm"  # at n = 3 the best of the whole state, by earlier comparisons; notebook 21 names others
+RECALL = 0.8  # P(h = 1 | l = 1) on a random policy's visits, by which p_t is set for more joints
 FEW = 2  # datasets, and learners, of a quick study; a quick multiverse has some universes of its own
 
 
@@ -80,7 +86,27 @@ def universes(study: str, alphas: list[str], deltas: list[float], seeds: list[in
             found |= _job(told, d, alphas if papers else supervised, deltas, [d], values)
     elif study == "shift":
         found = dict(_shifted(deltas, seeds))
+    elif study == "joints":
+        papers, ends = Choices.hypothesis, [*ENDS_OF_ALPHA]
+        for n, kind, d in product(FEW_LINKS if few else LINKS, (papers, WHOLE_STATE), seeds):
+            told = {"links": n, "hypothesis": kind, "dataset": d}
+            own = [*ends, NONE] if kind == papers else ends
+            values = differing(learning(n).with_values(hypothesis=kind))
+            jobs = _job(told, d, own, deltas, [d], values)
+            found |= {name: job | {"RECALL": RECALL} for name, job in jobs.items()}
     return found
+
+
+def learners_of(job: str) -> str:
+    """The universe whose free learners have the joints and the dataset of a job of `joints.cells`."""
+    own = tells(job)
+    return f"links_{own['links']}__hypothesis_{Choices.hypothesis}__dataset_{own['dataset']}"
+
+
+def differing(config: Config) -> dict[str, Any]:
+    """{name: value} of the parameters that differ from the default."""
+    default = Config().as_dict()
+    return {name: value for name, value in config.as_dict().items() if value != default[name]}
 
 
 def _shifted(deltas: list[float], seeds: list[int]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -109,7 +135,7 @@ def _job(
 
 
 def tells(name: str) -> dict[str, str]:
-    """What the id of a universe says of it: dataset, hypothesis, threshold, variant, delta, as texts."""
+    """What the id of a universe says of it: dataset, hypothesis, threshold, variant, links, …, as texts."""
     parts = (part.partition("_") for part in name.split("__"))
     return {key: value for key, _, value in parts}
 
@@ -132,7 +158,7 @@ def gather(folders: Mapping[str, Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
             own["delta"] = own["delta"].fillna(float(told.pop("delta")))
         measures.append(own.assign(**told))
     tables = [pd.concat(tables, ignore_index=True) for tables in (measures, met)]
-    for table, column in product(tables, ("dataset", "threshold")):
+    for table, column in product(tables, ("dataset", "threshold", "links")):
         if column in table:
             table[column] = pd.to_numeric(table[column])
     return tables[0], tables[1]

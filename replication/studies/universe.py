@@ -7,20 +7,29 @@ the measures of all regions, and data and regions themselves are kept.
 
 import shutil
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from replication.evidence.measures import Learned, Row, measure_run
+from replication.evidence.measures import TEST_STATES, Labelled, Learned, Row, measure_run
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
-from replication.studies.alternatives import ORACLES, learn_hypothesis
+from replication.studies.alternatives import ORACLES, Predictor, learn_hypothesis
+from replication.studies.joints.chains import data_of, exploring
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.learner.training import Run, identify, train
 from srlrepro.region.hypothesis import CompiledHypothesis, Hypothesis
 from srlrepro.region.safe_region import SafeRegion
-from srlrepro.samplers import MultivariateNormal, TrainingData, generate, sample_mnd, sample_uniform, split
+from srlrepro.samplers import (
+    MultivariateNormal,
+    TrainingData,
+    sample_mnd,
+    sample_uniform,
+    split,
+    visited_states,
+)
 from srlrepro.settings.condition import parse_alpha
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
@@ -28,6 +37,9 @@ from srlrepro.storage.files import beside, read_json
 from srlrepro.storage.provenance import code_hash
 
 REFIT_STREAM = 2  # of the random numbers of a dataset's seed; `measure_regions` takes the first
+VISITS_STREAM = 4  # of these too; the third makes test states in the study of joints
+EXTREME = 1e-9  # the nearest that p_t comes to 0 or 1, which it must not be
+REACHED = 0.02  # by which a recall may miss what was asked for: Γ of a grid has steps
 
 
 @dataclass(frozen=True)
@@ -42,6 +54,7 @@ class Universe:
     steps: int  # training steps of a cell
     finished: tuple[Path, ...] = ()  # folders of other results that may hold the same runs
     refit_steps: int = 0  # of the learner whose states the MND is fitted to anew; 0: it stays
+    recall: float = 0.0  # at which p_t of every α is set, see `with_recall`; 0: it stays
 
     @property
     def runs(self) -> list[Run]:
@@ -58,9 +71,10 @@ class Universe:
         for alpha in self.alphas:
             share = parse_alpha(alpha)
             if share is not None:
-                data = generate(share, self.config, self.data_seed)
+                data = data_of(share, self.config, self.data_seed)
                 found = data, learn_hypothesis(data, self.config, self.data_seed)
-                learned[alpha] = refit(self, share, *found, folder) if self.refit_steps else found
+                found = refit(self, share, *found, folder) if self.refit_steps else found
+                learned[alpha] = with_recall(self, *found) if self.recall else found
         return learned
 
 
@@ -93,6 +107,31 @@ def refit(
     return anew, learn_hypothesis(anew, config, seed)
 
 
+def visits(universe: Universe) -> Labelled:
+    """States that a random policy visits, none of them learned from, with their nominal labels."""
+    rng = np.random.default_rng([universe.data_seed, VISITS_STREAM])
+    x = visited_states(exploring(universe.config), rng)
+    x = x[rng.choice(len(x), min(TEST_STATES, len(x)), replace=False)]
+    return x, ClosedLoop.from_config(universe.config).predict(x)
+
+
+def with_recall(
+    universe: Universe, data: TrainingData, region: CompiledHypothesis
+) -> tuple[TrainingData, CompiledHypothesis]:
+    """A hypothesis with the p_t at which it accepts the share ``recall`` of the safe states among `visits`.
+
+    Known before any training. If Γ is the same at many states there may be none; the nearest is taken.
+    """
+    check(0 < universe.recall < 1, "recall", universe.recall, "a number in (0, 1), or 0 to leave p_t")
+    x, z = visits(universe)
+    p_t = float(np.quantile(region.safety(x[z == 1]), 1 - universe.recall))
+    p_t = min(max(p_t, EXTREME), 1 - EXTREME)
+    if isinstance(region, SafeRegion):
+        return data, copy(region).set_params(p_t=p_t)
+    assert isinstance(region, Predictor)
+    return data, replace(region, p_t=p_t)
+
+
 def keep(learned: Learned, folder: Path) -> None:
     """Write data and regions to ``folder/alpha_α/``; other hypotheses are learned anew from their data."""
     for alpha, (data, region) in learned.items():
@@ -109,6 +148,7 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
     The origin is asymptotically stable under K for every Δ, and known to be safe (Sec. II-A): near upright
     the spectral radius is below 1, and Γ(Ψ(0)) > p_t. Fig. 2 (a)-(c): states of both labels; θ1 and θ̇1 of
     the MND correlate positively. That free PPO learns to track cannot be seen at a reduced budget.
+    With a ``recall``, its p_t is told, and whether it gives this recall, to `REACHED`.
     """
     rows: list[tuple[str, str, float, bool]] = []
     for delta in universe.deltas:
@@ -117,9 +157,15 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
         rows.append(("", f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
     for alpha, (data, region) in learned.items():
         share, gamma = float(data.z.mean()), float(region.safety(np.zeros_like(data.x[:1]))[0])
-        accepted = gamma > universe.config.paper.p_t
+        accepted = gamma > region.p_t
         rows.append((alpha, f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
         rows.append((alpha, f"the region of α = {alpha} accepts the origin", gamma, accepted))
+        if universe.recall:
+            x, z = visits(universe)
+            reached = float(region.predict(x[z == 1]).mean())
+            near = abs(reached - universe.recall) <= REACHED
+            rows.append((alpha, f"p_t of α = {alpha}", region.p_t, True))
+            rows.append((alpha, f"the recall of α = {alpha} is {universe.recall:g}", reached, near))
     drawn = [] if universe.refit_steps else list(learned.values())
     for data, _ in drawn[:1]:  # the MND of the random policy is the same for every α
         covariance = float(data.mnd.covariance[0, universe.config.paper.links])
@@ -139,7 +185,8 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
 
     Products go to ``folder/runs/NAME/`` as `train` writes them, checkpoints to ``folder/checkpoints/``. A
     cell that the same code has finished with the same values, here or among ``finished``, is not trained
-    again. Common errors are on the states of the free run, if that is of this universe.
+    again. Common errors are on the states of the free run, if that is of this universe and of one p_t with
+    the others.
     """
     rows: list[Row] = []
     free: dict[tuple[float, int], TrainedRun] = {}  # by Δ and seed
@@ -147,9 +194,10 @@ def train_cells(universe: Universe, learned: Learned, folder: Path) -> list[Row]
         region = learned[run.alpha_text][1] if run.alpha_text in learned else None
         if region is not None and universe.config.choices.hypothesis in ORACLES:
             region = learn_hypothesis(None, universe.config, delta=run.delta)
-        found = trained(run, universe.config, region, folder, universe.finished)
+        config = universe.config if region is None else universe.config.with_values(p_t=region.p_t)
+        found = trained(run, config, region, folder, universe.finished)
         cell = run.delta, run.seed
-        rows += measure_run(found, region, None if region is None else free.get(cell))
+        rows += measure_run(found, region, None if region is None or universe.recall else free.get(cell))
         if region is None:
             free[cell] = found
     return rows

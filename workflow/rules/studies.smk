@@ -124,25 +124,35 @@ rule shift:
         execute("18_shift")
 
 
-JOBS = []
+JOBS, LEARNERS = [], {}  # of joints, and where the free learners are whose states are asked about in a job
 if STUDY == "joints":
+    from replication.studies.designs import learners_of
     from replication.studies.joints.cells import design
 
     JOBS = list(design(config["few"]).jobs)
+    LEARNERS = {job: f"{RESULTS}/universes/{learners_of(job)}" for job in JOBS if learners_of(job) in UNIVERSES}
+
+
+def cells_command(wildcards):
+    """The options of a job: of which design, with whose learners, and which cells if not all."""
+    words = ["--few"] if config["few"] else []
+    words += ["--learners", LEARNERS[wildcards.job]] if wildcards.job in LEARNERS else []
+    return shlex.join(words + [word for cell in config.get("cells_only", []) for word in ("--cell", cell)])
 
 
 rule joints_cells:
     input:
         command("replication", "replication/studies/joints/cells.py"),
+        learners=lambda w: f"{LEARNERS[w.job]}/measures.csv" if w.job in LEARNERS else [],
     output:
         f"{RESULTS}/cells/{{job}}__scores.csv",
         f"{RESULTS}/cells/{{job}}__times.csv",
     priority: SECOND
     params:
         values=config["values"],
-        few="--few" if config["few"] else "",
+        options=cells_command,
     shell:
-        f"{PYTHON} -m replication joints {{wildcards.job}} --out {shlex.quote(RESULTS)}/cells {{params.few}}"
+        f"{PYTHON} -m replication joints {{wildcards.job}} --out {shlex.quote(RESULTS)}/cells {{params.options}}"
 
 
 rule joints:
@@ -158,7 +168,28 @@ rule joints:
     params:
         values=config["values"],
         parameters=parameters(
-            FIGURES=f"../{FIGURES}", JOBS=JOBS, FEW=config["few"], NOTE="reduced: a small design" if config["few"] else ""
+            FIGURES=f"../{FIGURES}",
+            JOBS=JOBS,
+            LEARNERS={job: f"../{folder}" for job, folder in LEARNERS.items()},
+            FEW=config["few"],
+            NOTE="reduced: a small design" if config["few"] else "",
         ),
     shell:
         execute("20_joints")
+
+
+rule more_joints:
+    input:
+        notebook("21_more_joints"),
+        "replication/studies/joints/predictions_training.toml",
+        rules.gathered.output,
+        rules.joints.output.tables,
+    output:
+        notebook=f"{EXECUTED}/21_more_joints.ipynb",
+        figures=expand(f"{FIGURES}/joints_{{figure}}.pdf", figure=["training", "contrasts"]),
+        tables=f"{FIGURES}/joints_trained_predictions.csv",
+    params:
+        values=config["values"],
+        parameters=parameters(FIGURES=f"../{FIGURES}", UNIVERSES=FOLDERS, NOTE=config["note"]),
+    shell:
+        execute("21_more_joints")

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.statistics import contrast_interval, half_width
-from replication.studies.joints.cells import CELL, MIXED, SCORES
+from replication.studies.joints.cells import CELL, LEARNERS, MIXED, SCORES
 from replication.studies.joints.rungs import MAPS, RUNGS, WHOLE
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.settings.fields import check
@@ -139,11 +139,16 @@ class Prediction:
 
     def judge(self, low: float, high: float) -> str:
         """Whether an interval lies where it is expected, outside, or neither; `OPEN` without one."""
-        least = {"above": self.bound, "below": -np.inf, "within": -self.bound}[self.expected]
-        most = {"above": np.inf, "below": self.bound, "within": self.bound}[self.expected]
-        if least <= low and high <= most:
-            return HOLDS
-        return FAILS if high < least or low > most else OPEN
+        return state_of(self.expected, self.bound, low, high)
+
+
+def state_of(expected: str, bound: float, low: float, high: float) -> str:
+    """Whether an interval lies above or below a bound, or within ± it; `OPEN` if neither, or without one."""
+    least = {"above": bound, "below": -np.inf, "within": -bound}[expected]
+    most = {"above": np.inf, "below": bound, "within": bound}[expected]
+    if least <= low and high <= most:
+        return HOLDS
+    return FAILS if high < least or low > most else OPEN
 
 
 @cache
@@ -177,16 +182,21 @@ def sentence(found: pd.DataFrame, pair: str = "as written", law: str = "visits",
     parts = []
     for k, rows in own.groupby("k"):
         pays, costs = rows.loc[rows["low"] > 0, "links"], rows.loc[rows["high"] < 0, "links"]
-        said = [f"{word} at n = {_listed(n)}" for word, n in (("pays", pays), ("costs", costs)) if len(n)]
+        said = [f"{word} at n = {listed(n)}" for word, n in (("pays", pays), ("costs", costs)) if len(n)]
         undecided = len(rows) - len(pays) - len(costs)
         said += [f"is undecided at {undecided} of {len(rows)} n"] if undecided else []
         parts.append(f"learned from {k} states it " + ", ".join(said))
-    where = {"visits": "that a random policy visits", "UD": "of UD", "MND": "of the MND"}[law]
+    where = {
+        "visits": "that a random policy visits",
+        "UD": "of UD",
+        "MND": "of the MND",
+        LEARNERS: "that free learners visit",
+    }[law]
     start = f"On states {where}, at Δ = {delta:g} and a recall of {RECALL:g}, {PAIRS[pair][2]}: "
     return start + ("; ".join(parts) or "nothing was measured") + "."
 
 
-def _listed(numbers: Iterable[int]) -> str:
+def listed(numbers: Iterable[int]) -> str:
     """1, 2, 3 and 5 as "1–3, 5"."""
     runs: list[list[int]] = []
     for n in sorted(numbers):

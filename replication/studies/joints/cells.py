@@ -2,15 +2,14 @@
 
 A cell is n joints × k states × a share α × a dataset. The cells of one n and one dataset are a job: they
 share test states and true labels. A cell is kept in a file as soon as it is done, and is not made again by
-the same code.
+the same code. Where free learners of this n and dataset were trained, what they visited is one more law of
+test states.
 """
 
 import hashlib
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +18,31 @@ import pandas as pd
 from sklearn.metrics import brier_score_loss, roc_auc_score
 
 from replication.evidence.measures import BINS
+from replication.evidence.results import read_run
 from replication.studies.caution import RECALLS, at_recall
+from replication.studies.joints.chains import controlled, exploring, normal, training_data
 from replication.studies.joints.rungs import CEILING, RUNGS, WHOLE, Known, learn
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.samplers import (
     MultivariateNormal,
-    TrainingData,
     sample_mnd,
     sample_uniform,
-    split,
     visited_states,
 )
-from srlrepro.settings.choices import Choices
+from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
-from srlrepro.settings.fields import ParameterError, check
+from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
 from srlrepro.storage.files import read_json, write_json, write_table
 from srlrepro.storage.provenance import code_hash
 
 ALPHAS, MIXED = ("0", "0.5", "1"), "0.5"  # of the cells, and where both laws have as many states
 DELTAS = (1.0, 1.1, 4.0)  # of the system that labels the test states; 1: the nominal one
-LAWS = ("UD", "MND", "visits")  # of test states; those of trained free learners would be a fourth
-EVERY_DELTA = (1.0, 1.1, 1.5, 4.0)  # the nominal system, and the paper's mismatches
-STEADY = 0.99  # of `decay`: the paper's chain has 0.988 at Δ = 4, and recovers in time
-FINE = 0.01 / 32  # s of an integration step: of n = 5, 1 in 400 labels of UD differs from those of half of it
+LAWS, LEARNERS = (
+    ("UD", "MND", "visits"),
+    "learners",
+)  # of test states; where free learners were trained, a fourth
 MOST = 4000  # k; of more only α = `MIXED`, with the paper's map for even n: Ω of 16 000 states has 2 GB
 LEAST = 20  # test states of each label: with fewer, a share of them says little
 SIMULATED = 100  # states on which the time of a simulation is taken
@@ -127,70 +126,6 @@ def design(few: bool) -> Design:
     return FEW if few else FULL
 
 
-@cache
-def controlled(links: int) -> Config:
-    """The values with which K keeps n links upright, by the ledger's rule: it is stable for every Δ.
-
-    Up to three links they are those of the paper's chain. More links are lighter and faster. Of the weights
-    of the angles, each ten times the one before, K gets the smallest that will do, and with it the longest
-    of the control periods, each half of the one before; `STEADY` is the margin. Integration steps are `FINE`.
-
-    Raises:
-        ParameterError: none will do.
-    """
-    config = Config().with_values(links=links)
-    if links <= Paper.links:
-        return config
-    weights = [Choices.lqr_angle_weight * 10.0**i for i in range(3)]
-    periods = [Choices.control_period / 2**i for i in range(6)]
-    for weight, period in product(weights, periods):
-        values = {
-            "lqr_angle_weight": weight,
-            "control_period": period,
-            "substeps": max(1, round(period / FINE)),
-        }
-        found = config.with_values(**values)
-        if max(decay(found, delta) for delta in EVERY_DELTA) <= STEADY:
-            return found
-    raise ParameterError(f"links = {links}: no K is stable for every mismatch")
-
-
-def decay(config: Config, delta: float) -> float:
-    """By what a small deviation from upright is multiplied in 0.01 s under K; below 1 it is stable."""
-    loop = ClosedLoop.from_config(config, delta)
-    periods = Choices.control_period / config.choices.control_period
-    return float(loop.controller.spectral_radius(loop.system) ** periods)
-
-
-def exploring(config: Config) -> Config:
-    """The values with which the random policy visits states.
-
-    From three links on, its torques are smaller by the moment of inertia of a link, n⁻³: it turns every
-    chain as fast as the paper's. With the limits of the paper, a light link leaves the ranges of App. C in
-    its first control period, and little but the origin would be visited. K keeps these limits. States are
-    recorded as often as of the paper's chain.
-    """
-    slower = min(1.0, (Paper.links / config.paper.links) ** 3)
-    step = config.choices.control_period / config.choices.substeps
-    period = {"control_period": Choices.control_period, "substeps": round(Choices.control_period / step)}
-    return config.with_values(torque_limit=slower * config.paper.torque_limit, **period)
-
-
-def normal(config: Config, seed: int) -> MultivariateNormal:
-    """The MND of a dataset, fitted to what the random policy visits."""
-    rng, _ = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))  # as `generate`
-    return MultivariateNormal.fit(visited_states(exploring(config), rng))
-
-
-def training_data(alpha: float, config: Config, seed: int, mnd: MultivariateNormal) -> TrainingData:
-    """D_tr, as `generate` makes it; the MND is that of the dataset, see `normal`."""
-    n_ud, n_mnd = split(alpha, config.paper.k)
-    _, rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    ud = sample_uniform(n_ud, config.paper.state_max, rng)
-    x = np.concatenate([ud, sample_mnd(n_mnd, mnd, config, rng)])
-    return TrainingData(x, ClosedLoop.from_config(config).predict(x), n_ud, mnd)
-
-
 def held_out(config: Config, seed: int, mnd: MultivariateNormal, number: int) -> dict[str, Floats]:
     """{law: states [N, 2n]} of `LAWS`, none of which any hypothesis has learned from."""
     rng = np.random.default_rng([seed, TEST_STREAM])
@@ -199,6 +134,23 @@ def held_out(config: Config, seed: int, mnd: MultivariateNormal, number: int) ->
     visits = visited_states(exploring(config), rng)
     states["visits"] = visits[rng.choice(len(visits), min(number, len(visits)), replace=False)]
     return states
+
+
+def learners_states(universe: Path, dataset: int, number: int) -> Floats:
+    """States [N, 2n] that free learners visited, over their whole training, as many of each mismatch.
+
+    Args:
+        universe: its folder, with the runs without a supervisor of every mismatch in `DELTAS`.
+        dataset: whose learner they are of.
+        number: N, if each has visited so many.
+
+    Raises:
+        ResultError: a run is missing or damaged.
+    """
+    names = [Condition(None, delta, dataset).name for delta in DELTAS[1:]]
+    visited = [read_run(universe / "runs" / name).visited() for name in names]
+    most = number // len(visited)
+    return np.concatenate([x[np.linspace(0, len(x) - 1, min(most, len(x))).astype(int)] for x in visited])
 
 
 def scores_of(labels: Labels, safety: Floats) -> dict[str, float]:
@@ -221,8 +173,7 @@ def sources() -> str:
     """SHA-256 of the method and of what this study adds to it."""
     here = Path(__file__).resolve().parent
     files = [
-        here / "cells.py",
-        here / "rungs.py",
+        *(here / f"{n}.py" for n in ("cells", "chains", "rungs")),
         *(here.parent / f"{n}.py" for n in ("alternatives", "caution")),
     ]
     return hashlib.sha256(code_hash().encode() + b"".join(file.read_bytes() for file in files)).hexdigest()
@@ -264,26 +215,42 @@ def measure_cell(
     return {"scores": scores, "times": times}
 
 
-def run_job(name: str, folder: Path, few: bool) -> tuple[pd.DataFrame, pd.DataFrame]:
+def run_job(
+    name: str, folder: Path, few: bool, learners: Path | None = None, only: Iterable[str] = ()
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Scores and times of all cells of a job, as tables (see `measure_cell`).
 
     Every cell is written to ``folder/NAME/`` when it is done, and taken from there by the same code.
 
+    Args:
+        learners: folder of the universe whose free learners' states are test states too (`learners_states`);
+            None: the law `LEARNERS` is not among the rows.
+        only: names of the cells that are wanted; none: all.
+
     Raises:
-        ParameterError: the design has no job of this name.
+        ParameterError: the design has no job, or the job no cell, of this name.
+        ResultError: a run of the free learners is missing or damaged.
     """
     plan = design(few)
     check(name in plan.jobs, "job", name, f"one of {', '.join(plan.jobs)}")
     links, dataset = plan.jobs[name]
     config = plan.config(links)
+    cells = {cell.name: (cell, names) for cell, names in plan.cells(links, dataset)}
+    for own in only:
+        check(own in cells, "cell", own, f"one of {', '.join(cells)}")
+    visited = {}
+    if learners is not None:
+        visited[LEARNERS] = learners_states(learners, dataset, plan.test_states)
+    digest = hashlib.sha256(b"".join(x.tobytes() for x in visited.values())).hexdigest() if visited else ""
     made_of = {"code": sources(), "values": config.as_dict(), "test_states": plan.test_states}
+    made_of["learners"] = digest
     tables: dict[str, list[dict[str, Any]]] = {"scores": [], "times": []}
     shared: tuple[MultivariateNormal, dict[str, Floats], dict[tuple[str, float], Labels]] | None = None
-    for cell, names in plan.cells(links, dataset):
+    for cell, names in (cells[own] for own in only or cells):
         file, told = folder / name / f"{cell.name}.json", made_of | {"hypotheses": list(names)}
         found = read_json(file) if file.exists() else {}
         if found.get("made_of") != told:
-            shared = shared or _shared(config, dataset, plan.test_states)
+            shared = shared or _shared(config, dataset, plan.test_states, visited)
             mnd, states, labels = shared
             own = plan.config(links, cell.k)
             data = training_data(float(cell.alpha), own, dataset, mnd)
@@ -298,19 +265,21 @@ def run_job(name: str, folder: Path, few: bool) -> tuple[pd.DataFrame, pd.DataFr
 
 
 def _shared(
-    config: Config, dataset: int, number: int
+    config: Config, dataset: int, number: int, visited: dict[str, Floats]
 ) -> tuple[MultivariateNormal, dict[str, Floats], dict[tuple[str, float], Labels]]:
-    """The MND of a job, its test states by law, and their labels by law and Δ."""
+    """The MND of a job, its test states by law, with those visited, and their labels by law and Δ."""
     mnd = normal(config, dataset)
-    states = held_out(config, dataset, mnd, number)
+    states = held_out(config, dataset, mnd, number) | visited
     loops = {delta: ClosedLoop.from_config(config, delta) for delta in DELTAS}
     labels = {(law, delta): loop.predict(x) for law, x in states.items() for delta, loop in loops.items()}
     return mnd, states, labels
 
 
-def write_job(name: str, folder: Path, few: bool) -> int:
+def write_job(
+    name: str, folder: Path, few: bool, learners: Path | None = None, only: Iterable[str] = ()
+) -> int:
     """Write ``NAME__scores.csv`` and ``NAME__times.csv`` of `run_job`; returns the number of scores."""
-    scores, times = run_job(name, folder, few)
+    scores, times = run_job(name, folder, few, learners, only)
     write_table(folder / f"{name}__times.csv", times)
     write_table(folder / f"{name}__scores.csv", scores)
     return len(scores)
