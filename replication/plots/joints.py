@@ -1,4 +1,7 @@
-"""What the study of joints shows: where a low dimension pays, every hypothesis, and what the data cover."""
+"""What the study of joints shows: where a low dimension pays, every hypothesis, coverage, and learners."""
+
+import textwrap
+from itertools import product
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -7,16 +10,35 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from replication.plots.style import GRID, GUIDE, INK, MARKERS, OTHER_MARKER, color, label
+from replication.plots.style import (
+    BACKGROUND,
+    GRID,
+    GUIDE,
+    INK,
+    MARKERS,
+    OTHER_MARKER,
+    color,
+    delta_colors,
+    label,
+)
+from replication.studies.designs import ENDS_OF_ALPHA, WHOLE_STATE
 from replication.studies.joints.answer import PAIRS, RECALL
-from replication.studies.joints.cells import LAWS, MIXED
+from replication.studies.joints.cells import LAWS, LEARNERS, MIXED
 from replication.studies.joints.rungs import CEILING, MAPS, RUNGS, WHOLE
+from replication.studies.joints.training import CONTRASTS, MAP, OUTCOMES
+from srlrepro.settings.condition import NONE
 
-PANELS = (("visits", 1.1), ("visits", 4.0), ("UD", 1.1))  # law of the test states, and Δ of their labels
-WHERE = {"UD": "UD", "MND": "MND", "visits": "random policy"}
+PANELS = (
+    ("visits", 1.1),
+    ("visits", 4.0),
+    ("UD", 1.1),
+    (LEARNERS, 1.1),
+)  # law of the test states, Δ of labels
+WHERE = {"UD": "UD", "MND": "MND", "visits": "random policy", LEARNERS: "free learners"}
 K_MAP, RUNG_MAP = "viridis", "tab10"  # of k, and of the hypotheses
 SHIFT = 0.08  # between lines side by side, in joints
 MARKS = (*MARKERS.values(), OTHER_MARKER)
+WRAP = 24  # characters of a line beside a panel
 FALSE = f"false_positives_{RECALL:g}"
 
 
@@ -42,7 +64,7 @@ def plot_advantages(found: pd.DataFrame) -> Figure:
 
     found: of `advantages`. Bars are 95 % intervals over datasets; there is none of a single dataset.
     """
-    figure, axes = plt.subplots(len(PAIRS), len(PANELS), figsize=(9.0, 5.2), sharex=True, sharey="row")
+    figure, axes = plt.subplots(len(PAIRS), len(PANELS), figsize=(11.0, 5.2), sharex=True, sharey="row")
     ks = sorted(found["k"].unique())
     shades = [mpl.colors.to_hex(mpl.colormaps[K_MAP](v)) for v in np.linspace(0.1, 0.85, len(ks))]
     for row, (pair, (_, _, text)) in zip(axes, PAIRS.items(), strict=True):
@@ -69,7 +91,7 @@ def plot_advantages(found: pd.DataFrame) -> Figure:
 
 def plot_ladder(rows: pd.DataFrame) -> Figure:
     """Share of the unsafe states that each hypothesis accepts at equal recall; rows: of `ladder`."""
-    figure, axes = plt.subplots(2, len(PANELS), figsize=(9.0, 5.6), sharex=True, sharey=True)
+    figure, axes = plt.subplots(2, len(PANELS), figsize=(11.0, 5.6), sharex=True, sharey=True)
     for line, (title, names) in zip(axes, (("a map", MAPS), ("the whole state", WHOLE)), strict=True):
         shown = [*names, *([CEILING] if CEILING not in names else [])]
         for ax, (law, delta) in zip(line, PANELS, strict=True):
@@ -94,7 +116,7 @@ def plot_coverage(rows: pd.DataFrame) -> Figure:
     rows: of `coverage`.
     """
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 2.9), sharex=True)
-    for i, law in enumerate(LAWS):
+    for i, law in enumerate((*LAWS, LEARNERS)):
         own = rows[(rows["law"] == law) & (rows["delta"] == 1.0) & (rows["alpha"].astype(str) == MIXED)]
         tint = mpl.colors.to_hex(mpl.colormaps[RUNG_MAP](i))
         left.plot(own["links"], own["safe"], marker=MARKS[i], markersize=4, color=tint, label=WHERE[law])
@@ -111,6 +133,99 @@ def plot_coverage(rows: pd.DataFrame) -> Figure:
         ax.grid(axis="y", color=GRID)
         ax.set_axisbelow(True)
     _joints([left, right])
+    return figure
+
+
+def plot_learners(runs: pd.DataFrame) -> Figure:
+    """Every outcome against n, a column for each Δ: dots are datasets, a line joins their means.
+
+    runs: of `learners`. The map is filled, the whole state hollow.
+    """
+    deltas = sorted(runs["delta"].unique())
+    figure, axes = plt.subplots(
+        len(OUTCOMES), len(deltas), figsize=(3.8 * len(deltas), 8.2), sharex=True, sharey="row", squeeze=False
+    )
+    series = [(kind, alpha) for kind in (MAP, WHOLE_STATE) for alpha in ENDS_OF_ALPHA] + [(NONE, NONE)]
+    for line, (outcome, words) in zip(axes, OUTCOMES.items(), strict=True):
+        line[0].set_ylabel(textwrap.fill(words, WRAP), fontsize=7)
+        for ax, delta in zip(line, deltas, strict=True):
+            for i, (kind, alpha) in enumerate(series):
+                own = runs[(runs["delta"] == delta) & (runs["hypothesis"] == kind) & (runs["alpha"] == alpha)]
+                own = own.dropna(subset=outcome)
+                shift = SHIFT * (i - (len(series) - 1) / 2)
+                face = BACKGROUND if kind == WHOLE_STATE else color(alpha)
+                look = {"marker": MARKERS[alpha], "color": color(alpha), "markerfacecolor": face}
+                ax.plot(own["links"] + shift, own[outcome], linestyle="", markersize=2.5, **look)
+                mean = own.groupby("links")[outcome].mean()
+                name = label(alpha) + ("" if alpha == NONE else ", map" if kind == MAP else ", whole state")
+                style = "--" if kind == WHOLE_STATE else "-"
+                ax.plot(mean.index + shift, mean, style, markersize=4.5, linewidth=1, label=name, **look)
+            ax.grid(axis="y", color=GRID)
+    for ax, delta in zip(axes[0], deltas, strict=True):
+        ax.set_title(rf"$\Delta = {delta:g}$")
+    _joints(axes[-1])
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
+    return figure
+
+
+def plot_frontier(runs: pd.DataFrame) -> Figure:
+    """Violations against the final return: a panel for each n and Δ, a mark for each learner.
+
+    runs: of `learners`. Better is to the right and below.
+    """
+    deltas, links = sorted(runs["delta"].unique()), sorted(runs["links"].unique())
+    size = 2.4 * len(links), 2.2 * len(deltas) + 0.4
+    figure, axes = plt.subplots(
+        len(deltas), len(links), figsize=size, sharex=True, sharey=True, squeeze=False
+    )
+    for (line, delta), (column, n) in product(zip(axes, deltas, strict=True), enumerate(links)):
+        ax = line[column]
+        for (kind, alpha), own in runs[(runs["delta"] == delta) & (runs["links"] == n)].groupby(
+            ["hypothesis", "alpha"]
+        ):
+            name = label(str(alpha)) + ("" if alpha == NONE else ", map" if kind == MAP else ", whole state")
+            face = BACKGROUND if kind == WHOLE_STATE else color(str(alpha))
+            look = {"marker": MARKERS[str(alpha)], "color": color(str(alpha)), "markerfacecolor": face}
+            ax.plot(
+                own["return_share"], own["log_violations"], linestyle="", markersize=4, label=name, **look
+            )
+        ax.set_title(rf"$n = {n}$, $\Delta = {delta:g}$", fontsize=8)
+        ax.grid(color=GRID)
+    for ax in axes[-1]:
+        ax.set_xlabel("final return / perfect", fontsize=7)
+    for ax in axes[:, 0]:
+        ax.set_ylabel("ln of violations", fontsize=7)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=7)
+    return figure
+
+
+def plot_contrasts(found: pd.DataFrame) -> Figure:
+    """Every contrast against n: a row for each, a column for each outcome; bars are 95 % over datasets.
+
+    found: of `contrasts`.
+    """
+    deltas = sorted(found["delta"].unique())
+    size = 2.1 * len(OUTCOMES), 1.7 * len(CONTRASTS) + 0.4
+    figure, axes = plt.subplots(len(CONTRASTS), len(OUTCOMES), figsize=size, sharex=True, sharey="col")
+    for (line, contrast), (column, outcome) in product(
+        zip(axes, CONTRASTS, strict=True), enumerate(OUTCOMES)
+    ):
+        ax = line[column]
+        ax.axhline(0, color=GUIDE, linewidth=0.8)
+        for i, (delta, tint) in enumerate(zip(deltas, delta_colors(len(deltas)), strict=True)):
+            own = found[
+                (found["contrast"] == contrast) & (found["outcome"] == outcome) & (found["delta"] == delta)
+            ]
+            place = own["links"] + SHIFT * (i - (len(deltas) - 1) / 2)
+            width = [own["estimate"] - own["low"], own["high"] - own["estimate"]]
+            look = {"marker": MARKS[i], "color": tint, "markersize": 4, "linewidth": 1}
+            ax.errorbar(place, own["estimate"], np.nan_to_num(width), label=rf"$\Delta = {delta:g}$", **look)
+    for ax, words in zip(axes[0], OUTCOMES.values(), strict=True):
+        ax.set_title(textwrap.fill(words, WRAP), fontsize=7)
+    for ax, contrast in zip(axes[:, 0], CONTRASTS, strict=True):
+        ax.set_ylabel(textwrap.fill(contrast, WRAP), fontsize=7)
+    _joints(axes[-1])
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(deltas))
     return figure
 
 

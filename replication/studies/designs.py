@@ -87,12 +87,13 @@ def universes(study: str, alphas: list[str], deltas: list[float], seeds: list[in
     elif study == "shift":
         found = dict(_shifted(deltas, seeds))
     elif study == "joints":
-        papers, ends = Choices.hypothesis, [*ENDS_OF_ALPHA]
-        for n, kind, d in product(FEW_LINKS if few else LINKS, (papers, WHOLE_STATE), seeds):
-            told = {"links": n, "hypothesis": kind, "dataset": d}
-            own = [*ends, NONE] if kind == papers else ends
+        ends, links = [*ENDS_OF_ALPHA], FEW_LINKS if few else LINKS
+        for n, kind, d in product(links, (Choices.hypothesis, WHOLE_STATE), seeds):
+            own = (
+                [*ends, NONE] if kind == Choices.hypothesis else ends
+            )  # the free learner is the same beside both
             values = differing(learning(n).with_values(hypothesis=kind))
-            jobs = _job(told, d, own, deltas, [d], values)
+            jobs = _job({"links": n, "hypothesis": kind, "dataset": d}, d, own, deltas, [d], values)
             found |= {name: job | {"RECALL": RECALL} for name, job in jobs.items()}
     return found
 

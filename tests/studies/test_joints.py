@@ -30,18 +30,13 @@ from replication.studies.joints.cells import (
     CELL,
     FULL,
     LAWS,
-    STEADY,
     Cell,
-    controlled,
-    decay,
     design,
-    exploring,
     held_out,
-    normal,
     run_job,
     scores_of,
-    training_data,
 )
+from replication.studies.joints.chains import STEADY, controlled, decay, exploring, normal, training_data
 from replication.studies.joints.rungs import (
     MAPS,
     RUNGS,

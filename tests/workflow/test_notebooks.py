@@ -43,9 +43,18 @@ NAMES = [
     "18_shift",
     "19_any_system",
     "20_joints",
+    "21_more_joints",
 ]
 # Of the studies.
-APART = ["13_universe", "14_multiverse", "15_caution", "17_crossed", "18_shift", "20_joints"]
+APART = [
+    "13_universe",
+    "14_multiverse",
+    "15_caution",
+    "17_crossed",
+    "18_shift",
+    "20_joints",
+    "21_more_joints",
+]
 
 
 def nbval(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:

@@ -155,7 +155,7 @@ rule joints_cells:
         f"{PYTHON} -m replication joints {{wildcards.job}} --out {shlex.quote(RESULTS)}/cells {{params.options}}"
 
 
-rule joints:
+rule joints_curve:
     input:
         notebook("20_joints"),
         "replication/studies/joints/predictions.toml",
@@ -178,15 +178,15 @@ rule joints:
         execute("20_joints")
 
 
-rule more_joints:
+rule joints:
     input:
         notebook("21_more_joints"),
         "replication/studies/joints/predictions_training.toml",
         rules.gathered.output,
-        rules.joints.output.tables,
+        rules.joints_curve.output.tables,
     output:
         notebook=f"{EXECUTED}/21_more_joints.ipynb",
-        figures=expand(f"{FIGURES}/joints_{{figure}}.pdf", figure=["training", "contrasts"]),
+        figures=expand(f"{FIGURES}/joints_{{figure}}.pdf", figure=["training", "frontier", "contrasts"]),
         tables=f"{FIGURES}/joints_trained_predictions.csv",
     params:
         values=config["values"],

@@ -173,7 +173,7 @@ def sources() -> str:
     """SHA-256 of the method and of what this study adds to it."""
     here = Path(__file__).resolve().parent
     files = [
-        *(here / f"{n}.py" for n in ("cells", "chains", "rungs")),
+        *(here / f"{n}.py" for n in ("cells", "chains", "parametric", "rungs")),
         *(here.parent / f"{n}.py" for n in ("alternatives", "caution")),
     ]
     return hashlib.sha256(code_hash().encode() + b"".join(file.read_bytes() for file in files)).hexdigest()
@@ -236,8 +236,8 @@ def run_job(
     links, dataset = plan.jobs[name]
     config = plan.config(links)
     cells = {cell.name: (cell, names) for cell, names in plan.cells(links, dataset)}
-    for own in only:
-        check(own in cells, "cell", own, f"one of {', '.join(cells)}")
+    for wanted in only:
+        check(wanted in cells, "cell", wanted, f"one of {', '.join(cells)}")
     visited = {}
     if learners is not None:
         visited[LEARNERS] = learners_states(learners, dataset, plan.test_states)
@@ -246,7 +246,7 @@ def run_job(
     made_of["learners"] = digest
     tables: dict[str, list[dict[str, Any]]] = {"scores": [], "times": []}
     shared: tuple[MultivariateNormal, dict[str, Floats], dict[tuple[str, float], Labels]] | None = None
-    for cell, names in (cells[own] for own in only or cells):
+    for cell, names in (cells[wanted] for wanted in only or cells):
         file, told = folder / name / f"{cell.name}.json", made_of | {"hypotheses": list(names)}
         found = read_json(file) if file.exists() else {}
         if found.get("made_of") != told:

@@ -4,6 +4,7 @@ Each is learned from the same states, and says P(l(x) = 1). With s = x in half r
 
 - "tsne": the paper's region; "tsne_neighbours": the same y_i, with Ψ by nearest neighbours;
 - "tsne_1", "tsne_3": the same Ω and Ψ in one and in three dimensions;
+- "parametric": the same Ω, and Ψ a perceptron that is trained on t-SNE's divergence itself (`parametric`);
 - "autoencoder": the middle layer of a perceptron d → H → 2 → H → d that gives s back;
 - "pca": the first two principal components; "lda", "nca": the linear maps of linear discriminant analysis
   (one dimension) and of neighbourhood components analysis, which know the labels;
@@ -12,6 +13,9 @@ Each is learned from the same states, and says P(l(x) = 1). With s = x in half r
 All have the Γ of `safety_map`. It is asked at y itself, without the grid, except behind "tsne" and
 "tsne_neighbours", which are the package's `SafeRegion`. The whole state has "knn", "svm" and "mlp" of
 `alternatives`, "boosting", and as a ceiling "nominal": K simulated on the nominal system.
+
+UMAP is not among them: umap-learn compiles for the processor at hand, with sums in any order (fastmath), so
+that its bits are not the same on another.
 """
 
 import warnings
@@ -144,6 +148,15 @@ def _tsne(known: Known, dimensions: int) -> Scores:
     return smoothed(known, regression(known, places), places)
 
 
+def _parametric(known: Known) -> Scores:
+    # torch is slow to import
+    from replication.studies.joints.parametric import affinities, fit_parametric, place
+
+    p = affinities(known.omega, known.config.choices.perplexity)
+    model = fit_parametric(known.scaled, p, known.config.choices.psi_width, known.seed)
+    return _of_states(known, lambda x: place(model, x / known.scale))
+
+
 def _autoencoder(known: Known) -> Scores:
     width, s = known.config.choices.psi_width, known.scaled
     layers, solver = (width, 2, width), {"solver": "lbfgs", "max_iter": ITERATIONS}
@@ -220,6 +233,7 @@ MAPS = {
     "tsne_neighbours": Rung("t-SNE, Ψ by neighbours", partial(_region, psi="neighbours")),
     "tsne_1": Rung("t-SNE, one dimension", partial(_tsne, dimensions=1)),
     "tsne_3": Rung("t-SNE, three dimensions", partial(_tsne, dimensions=3)),
+    "parametric": Rung("parametric t-SNE", _parametric),
     "autoencoder": Rung("autoencoder", _autoencoder),
     "pca": Rung("principal components", partial(_linear, model=PCA(2))),
     "lda": Rung("linear discriminant", partial(_linear, model=LinearDiscriminantAnalysis()), labels=1),

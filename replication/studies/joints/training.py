@@ -180,9 +180,9 @@ def held(found: pd.DataFrame) -> str:
     same = int((decided["sign"] == decided["sign_known"]).sum())
     own = int((found["links"] == KNOWN).sum())
     return (
-        f"Of the {own} contrasts at n = {KNOWN}, {len(at_three)} are decided. With fewer or more joints these "
-        f"have the same sign in {same} of {len(beside)} cases, the opposite in {len(decided) - same}, and are "
-        f"open in {len(beside) - len(decided)}."
+        f"Of the {own} contrasts at n = {KNOWN}, {len(at_three)} are decided. With fewer or more joints "
+        f"these have the same sign in {same} of {len(beside)} cases, the opposite in "
+        f"{len(decided) - same}, and are open in {len(beside) - len(decided)}."
     )
 
 
@@ -197,7 +197,8 @@ def best_of_whole(recall: pd.DataFrame, links: Iterable[int]) -> pd.DataFrame:
     ]
     own = own[own["links"].isin(list(links)) & (own["k"] <= Paper.k)]
     means = own[own["k"] == own["k"].max()].groupby("links")[[name for name in WHOLE if name in own]].mean()
-    return means.assign(best=means.idxmin(axis=1)).reset_index()
+    found: pd.DataFrame = means.assign(best=means.idxmin(axis=1)).reset_index()
+    return found
 
 
 def choice_sentence(best: pd.DataFrame) -> str:
@@ -208,7 +209,8 @@ def choice_sentence(best: pd.DataFrame) -> str:
         return f"No cells tell whether a {name} is the best of the whole state."
     if not len(other):
         return f"Without training, a {name} is the best of the whole state at n = {listed(best['links'])}."
-    told = ", ".join(f"{RUNGS[row.best].text} at n = {row.links}" for row in other.itertuples())
+    pairs = zip(other["best"], other["links"], strict=True)
+    told = ", ".join(f"{RUNGS[kind].text} at n = {n}" for kind, n in pairs)
     return f"Without training, another hypothesis of the whole state is better than a {name}: {told}."
 
 
