@@ -29,6 +29,7 @@ from replication.evidence.verdicts import (
 )
 from replication.studies import multiverse
 from replication.studies.discrepancy import KINDS
+from replication.studies.joints import training
 from replication.studies.joints.answer import FAILS, HOLDS, OPEN, sentence
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
@@ -323,9 +324,20 @@ class Facts:
     def joints(self) -> Row:
         """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""
         found = read_table(self.figures / "joints" / "joints.csv", ("pair", "links", "k", "low", "high"))
-        states = read_table(self.figures / "joints" / "joints_predictions.csv", ("state",))["state"]
-        counts = {name: int((states == name).sum()) for name in (HOLDS, FAILS, OPEN)}
-        return counts | {"of": len(states), "answer": sentence(found), "best": sentence(found, "best")}
+        told = {"answer": sentence(found), "best": sentence(found, "best")}
+        return self._counted("joints_predictions") | told
+
+    def trained_joints(self) -> Row:
+        """What learners of more joints say, in sentences; how predictions came out. Empty without them."""
+        file = self.figures / "joints" / "joints_contrasts.csv"
+        if not file.exists():
+            return {}
+        found = read_table(file, ("contrast", "outcome", "links", "delta", "sign"))
+        return self._counted("joints_trained_predictions") | {"sentences": training.sentences(found)}
+
+    def _counted(self, predictions: str) -> Row:
+        states = read_table(self.figures / "joints" / f"{predictions}.csv", ("state",))["state"]
+        return {name: int((states == name).sum()) for name in (HOLDS, FAILS, OPEN)} | {"of": len(states)}
 
     def theorem(self) -> Row:
         """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""

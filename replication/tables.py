@@ -26,7 +26,7 @@ from replication.plots.multiverse import curve_table
 from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
 from replication.studies.joints import answer as joints
-from replication.studies.joints import cells
+from replication.studies.joints import cells, training
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.tsne import label_purity
 from srlrepro.settings.condition import NONE
@@ -306,6 +306,14 @@ def of_joints(folder: Path) -> Iterator[Found]:
     yield Found("joints_predictions", joints.judged(table))
 
 
+def of_learners(folder: Path) -> Iterator[Found]:
+    """From the learners of more joints: their pictures, contrasts, and predictions."""
+    table = _read(folder, "joints_learners", *training.CELL, *training.OUTCOMES)
+    yield Found("joints_training", table)
+    yield Found("joints_contrasts", training.contrasts(table))
+    yield Found("joints_trained_predictions", training.judged(table))
+
+
 # By the tables that each starts from; it is asked where they are.
 FOLLOWS = {
     judged: ("measures", "claims"),
@@ -318,6 +326,7 @@ FOLLOWS = {
     cautious: ("measures", "caution_roc"),
     moved: ("shift",),
     of_joints: ("joints_recall",),
+    of_learners: ("joints_learners",),
 }
 
 

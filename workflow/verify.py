@@ -27,8 +27,11 @@ from replication.evidence.measures import read_measures
 from replication.evidence.results import read_curves, read_run_measures, read_runs
 from replication.plots.multiverse import curve_table
 from replication.studies import designs, multiverse
+from replication.studies.joints import cells as joints
+from replication.studies.joints.answer import at_equal_recall
 from replication.tables import RUN, Difference, Found, disagreement, found_in, shared
 from srlrepro.pins import ARITHMETIC
+from srlrepro.settings.condition import NONE
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check, check_whole, one_line
 from srlrepro.storage.files import ResultError, read_table, write_json
@@ -123,6 +126,17 @@ def _of_gathered(config: Plan, name: str, alpha: str, delta: float, seed: int) -
     return Cell([f"{folder}/measures.csv"], found, {"narrowed": narrowed})
 
 
+def _of_joints(config: Plan, job: str, cell: joints.Cell) -> Cell:
+    """A cell of the study of joints; free learners whose states are asked about are trained for it too."""
+    file = f"results/{config['cells']}/cells/{job}__scores.csv"
+
+    def found(place: Path) -> Iterator[Found]:
+        scores = read_table(place / file, joints.CELL, text=("alpha",))
+        yield Found("joints_recall", at_equal_recall(scores), 4, joints.CELL)
+
+    return Cell([file], found, {"cells_only": [cell.name], "narrowed": {"ALPHAS": [NONE]}})
+
+
 def cells_of(config: Plan) -> dict[str, Cell]:
     """{name: cell} of a set: all that can be made without most of the set."""
     if config["study"]:
@@ -130,7 +144,12 @@ def cells_of(config: Plan) -> dict[str, Cell]:
         if config["study"] == "multiverse":
             return {name: _of_universe(config, name) for name in jobs}
         runs = ((n, c) for n, job in jobs.items() for c in itertools.product(*(job[key] for key in CELLS)))
-        return {f"{name}__{_condition(*cell)}": _of_gathered(config, name, *cell) for name, cell in runs}
+        known = {f"{name}__{_condition(*cell)}": _of_gathered(config, name, *cell) for name, cell in runs}
+        if config["study"] == "joints":
+            plan = joints.design(config["few"])
+            parts = [(job, cell) for job, own in plan.jobs.items() for cell, _ in plan.cells(*own)]
+            known |= {f"{job}__{cell.name}": _of_joints(config, job, cell) for job, cell in parts}
+        return known
     found = {"01_pendulum": _of_stages(config, "01_pendulum")}
     if (look := config["look"]) == config["name"]:
         targets = [f"figures/{look}/choices_stability.csv"]

@@ -6,10 +6,21 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from replication.plots.joints import PANELS, coverage, ladder, plot_advantages, plot_coverage, plot_ladder
+from replication.plots.joints import (
+    PANELS,
+    coverage,
+    ladder,
+    plot_advantages,
+    plot_contrasts,
+    plot_coverage,
+    plot_frontier,
+    plot_ladder,
+    plot_learners,
+)
 from replication.studies.joints.answer import PAIRS
 from replication.studies.joints.cells import ALPHAS, DELTAS, LAWS, SCORES
 from replication.studies.joints.rungs import MAPS, RUNGS, WHOLE
+from replication.studies.joints.training import CELL, CONTRASTS, OUTCOMES, contrasts
 
 
 def test_every_pair_law_and_number_of_states_is_drawn_with_its_interval() -> None:
@@ -54,5 +65,36 @@ def test_coverage_has_a_line_for_each_law_and_for_each_share() -> None:
     assert set(rows["k"]) == {1000} and len(rows) == 2 * len(ALPHAS) * len(LAWS) * len(DELTAS)
     figure = plot_coverage(rows)
     left, right = figure.axes
-    assert len(left.lines) == len(LAWS) and len(right.containers) == len(ALPHAS)
+    assert [len(line.get_xdata()) for line in left.lines] == [2] * len(LAWS) + [0]  # no learner was trained
+    assert len(right.containers) == len(ALPHAS)
+    plt.close(figure)
+
+
+def learners() -> pd.DataFrame:
+    rows = []
+    of = [("tsne", "0"), ("tsne", "1"), ("svm", "0"), ("svm", "1"), ("none", "none")]
+    for n, (kind, alpha), delta, d in product((2, 3), of, (1.1, 4.0), (0, 1)):
+        rows.append((n, kind, alpha, delta, d, 0.9, 10.0, *[0.1 * n + 0.01 * d] * len(OUTCOMES)))
+    return pd.DataFrame(rows, columns=[*CELL, "p_t", "activations", *OUTCOMES])
+
+
+def test_every_learner_is_drawn_and_joined_over_the_joints() -> None:
+    runs = learners()
+    figure = plot_learners(runs)
+    assert len(figure.axes) == 2 * len(OUTCOMES)
+    for ax in figure.axes:
+        dots, means = ax.lines[::2], ax.lines[1::2]
+        assert len(dots) == len(means) == 5 and all(len(line.get_xdata()) == 4 for line in dots)
+        assert all(np.allclose(line.get_ydata(), [0.205, 0.305]) for line in means)
+    plt.close(figure)
+    figure = plot_frontier(runs)
+    assert [len(ax.lines) for ax in figure.axes] == [5] * 4
+    plt.close(figure)
+
+
+def test_every_contrast_has_a_panel_for_each_outcome() -> None:
+    found = contrasts(learners())
+    figure = plot_contrasts(found)
+    assert len(figure.axes) == len(CONTRASTS) * len(OUTCOMES)
+    assert all([len(c[0].get_xdata()) for c in ax.containers] == [2, 2] for ax in figure.axes)
     plt.close(figure)

@@ -1,5 +1,6 @@
 """The universes of the studies: which cells each has, and that no two of a study are the same."""
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,11 @@ from replication.studies.designs import (
     WEIGHTED,
     Jobs,
     gather,
+    learners_of,
     tells,
     universes,
 )
+from replication.studies.joints.chains import learning
 from srlrepro.settings.config import Config
 from srlrepro.storage.files import ResultError, write_table
 from workflow.command_line import ALPHAS, STUDIES
@@ -92,6 +95,18 @@ def test_shift_has_one_refitted_universe_for_each_mismatch() -> None:
     assert all(job["ALPHAS"] == ["0", "none"] for job in by_variant[AS_WRITTEN])
     assert all(job["ALPHAS"] == ["1"] for job in by_variant[WEIGHTED])
     assert runs(jobs) == 5 * (4 + 2 + 2 + 2)
+
+
+def test_joints_have_both_hypotheses_at_the_ends_of_alpha_and_a_free_learner_for_each_dataset() -> None:
+    jobs = designed("joints")
+    assert len(jobs) == 4 * 2 * 3 and runs(jobs) == 4 * 3 * 2 * (2 + 2 + 1)
+    free = {name for name, job in jobs.items() if "none" in job["ALPHAS"]}
+    assert free == {learners_of(f"links_{n}__dataset_{d}") for n, d in product((2, 3, 4, 5), range(3))}
+    assert {job["RECALL"] for job in jobs.values()} == {0.8}
+    assert jobs["links_3__hypothesis_svm__dataset_1"]["SETTINGS"] == {"hypothesis": "svm"}
+    five = jobs["links_5__hypothesis_tsne__dataset_0"]["SETTINGS"]
+    assert set(five) == {"links", "control_period", "lqr_angle_weight", "action_unit"}
+    assert Config().with_values(**five) == learning(5)
 
 
 def a_universe(folder: Path, value: float) -> Path:

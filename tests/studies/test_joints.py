@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 from sklearn.metrics import roc_auc_score
 
 from replication.evidence.measures import classification
 from replication.studies.alternatives import learn_hypothesis
-from replication.studies.joints import answer, cells
+from replication.studies.joints import answer, cells, parametric
 from replication.studies.joints.answer import (
     FAILS,
     HOLDS,
@@ -35,6 +36,7 @@ from replication.studies.joints.cells import (
     held_out,
     run_job,
     scores_of,
+    write_job,
 )
 from replication.studies.joints.chains import STEADY, controlled, decay, exploring, normal, training_data
 from replication.studies.joints.rungs import (
@@ -113,6 +115,48 @@ def test_the_whole_state_has_the_hypotheses_of_the_supervisor(
 ) -> None:
     own = learn_hypothesis(known.data, SMALL.with_values(hypothesis=name), 0)
     assert np.array_equal(learn(name, known)(states), own.safety(states))
+
+
+def test_a_cell_made_twice_has_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With every hypothesis of the ladder, from nothing."""
+    small = cells.Design((2,), {30: 1}, {30: 1}, {30: 1}, 60, {"random_rollouts": 100})
+    monkeypatch.setattr(cells, "FEW", small)
+    for place in ("first", "second"):
+        write_job("links_2__dataset_0", tmp_path / place, True, only=["k_30__alpha_0.5"])
+    names = [tmp_path / place / "links_2__dataset_0__scores.csv" for place in ("first", "second")]
+    assert names[0].read_bytes() == names[1].read_bytes()
+    assert len(pd.read_csv(names[0])) == len(RUNGS) * len(LAWS) * 3
+
+
+def test_parametric_tsne_lowers_the_divergence_and_leaves_torch_alone(known: Known) -> None:
+    """The divergence by hand; P is that of t-SNE, of sum 1; a worse place for a pair costs."""
+    rng = np.random.default_rng(0)
+    y, p = rng.normal(size=(5, 2)), rng.uniform(size=(5, 5))
+    p = np.triu(p, 1) + np.triu(p, 1).T
+    p /= p.sum()
+    q = np.array(
+        [
+            [0.0 if i == j else 1 / (1 + ((a - b) ** 2).sum()) for j, b in enumerate(y)]
+            for i, a in enumerate(y)
+        ]
+    )
+    q /= q.sum()
+    by_hand = sum(p[i, j] * np.log(p[i, j] / q[i, j]) for i in range(5) for j in range(5) if i != j)
+    found = parametric.divergence(torch.from_numpy(p), torch.from_numpy(y))
+    assert float(found) == pytest.approx(by_hand, rel=1e-6)
+    p = parametric.affinities(known.omega, SMALL.choices.perplexity)
+    assert p.sum() == pytest.approx(1) and np.array_equal(p, p.T) and (p.diagonal() == 0).all()
+    torch.manual_seed(3)
+    before = torch.rand(1)
+    torch.manual_seed(3)
+    model = parametric.fit_parametric(known.scaled, p, 20, 0)
+    assert torch.rand(1) == before
+    places = parametric.place(model, known.scaled)
+    worse = rng.permutation(places)
+    told, other = (
+        float(parametric.divergence(torch.from_numpy(p), torch.from_numpy(v))) for v in (places, worse)
+    )
+    assert told < 0.5 * other and places.shape == (len(known.scaled), 2)
 
 
 def test_where_all_labels_are_the_same_what_needs_both_says_their_share(known: Known) -> None:
@@ -239,9 +283,22 @@ def test_a_job_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pytest.
     accepted = classification(own, x, loop.predict(x))["accepted"]
     told = scores[(scores["hypothesis"] == "tsne") & (scores["alpha"] == "1") & (scores["law"] == "UD")]
     assert told.loc[told["delta"] == 4.0, "accepted"].item() == accepted
+    one, _ = run_job(job, tmp_path / "one", True, only=["k_40__alpha_1"])
+    same = scores[scores["alpha"] == "1"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(one, same, check_exact=True)
+    with pytest.raises(ParameterError, match="cell = k_7: must be one of k_40__alpha_0, "):
+        run_job(job, tmp_path, True, only=["k_7"])
+    asked.clear()
     monkeypatch.setattr(cells, "sources", lambda: "another code")
     run_job(job, tmp_path, True)
-    assert len(asked) == 10 + 3 * 10
+    assert len(asked) == 3 * 10
+    states = np.zeros((60, 6))
+    states[:30, 0] = 1.5  # of no hope
+    monkeypatch.setattr(cells, "learners_states", lambda *_: states)
+    more, _ = run_job(job, tmp_path, True, tmp_path)
+    assert len(asked) == 6 * 10 and set(more["law"]) == {*LAWS, cells.LEARNERS}
+    pd.testing.assert_frame_equal(more[more["law"] != cells.LEARNERS].reset_index(drop=True), scores)
+    assert (more.loc[more["law"] == cells.LEARNERS, "safe"] == 0.5).all()
     with pytest.raises(ParameterError, match="job = links_9__dataset_0: must be one of links_3__dataset_0"):
         run_job("links_9__dataset_0", tmp_path, True)
 

@@ -202,6 +202,12 @@ def test_every_set_has_its_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     numbers = {
         name: len(verify.cells_of(planned(f"--{name}"))) for name in ("calibrated", "crossed", "shift")
     }
+    joints = verify.cells_of(planned("--joints"))
+    learners = [name for name in joints if name.endswith(("seed_0", "seed_1", "seed_2"))]
+    assert len(learners) == 120 and len(joints) == 120 + 8 * (3 * (5 + 10 + 3) + 2)
+    one = joints["links_2__dataset_0__k_250__alpha_0"]
+    assert one.targets == ["results/joints/cells/links_2__dataset_0__scores.csv"]
+    assert one.varied == {"cells_only": ["k_250__alpha_0"], "narrowed": {"ALPHAS": ["none"]}}
     assert len(caution) == 186 and numbers == {"calibrated": 90, "crossed": 48, "shift": 50}
 
 

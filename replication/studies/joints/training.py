@@ -18,12 +18,13 @@ import pandas as pd
 from replication.evidence.measures import LABEL_EVERY
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.evidence.statistics import contrast_interval
-from replication.studies.alternatives import learn_hypothesis
+from replication.studies.alternatives import Predictor, learn_hypothesis
 from replication.studies.caution import LEAST
 from replication.studies.designs import WHOLE_STATE, tells
 from replication.studies.joints.answer import EXPECTED, listed, state_of
 from replication.studies.joints.chains import learning
 from replication.studies.joints.rungs import RUNGS, WHOLE
+from replication.studies.universe import Matched
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.region.safe_region import SafeRegion
@@ -106,7 +107,8 @@ def _cautions(folders: Mapping[str, Path]) -> Iterator[tuple[int, str, str, floa
             continue
         if (name, of.alpha_text) not in known:
             known[name, of.alpha_text] = _hypothesis(folders[name], run, int(told["dataset"]))
-        h = known[name, of.alpha_text]
+        if (h := known[name, of.alpha_text]).digest() != run.region:
+            raise ResultError(f"{folders[name]} does not hold what supervised {run.folder}")
         caution = float(1 - h.predict(free[key]).mean())
         yield int(told["links"]), told["hypothesis"], of.alpha_text, of.delta, of.seed, h.p_t, caution
 
@@ -115,12 +117,10 @@ def _hypothesis(universe: Path, run: TrainedRun, dataset: int) -> CompiledHypoth
     """What supervised a run: from its file, or learned anew from the data with the p_t of the run."""
     folder = universe / f"alpha_{run.condition.alpha_text}"
     if run.config.choices.hypothesis == MAP:
-        h: CompiledHypothesis = SafeRegion.load(folder / REGION)
-    else:
-        h = learn_hypothesis(TrainingData.load(folder / DATA), run.config, dataset)
-    if h.digest() != run.region:
-        raise ResultError(f"{folder} is not what supervised {run.folder}")
-    return h
+        return SafeRegion.load(folder / REGION)
+    h = learn_hypothesis(TrainingData.load(folder / DATA), run.config, dataset)
+    assert isinstance(h, Predictor)
+    return Matched(h.posterior, h.p_t)
 
 
 def differences(runs: pd.DataFrame, contrast: str, outcome: str) -> pd.DataFrame:
