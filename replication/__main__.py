@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 
 from srlrepro import pins
 from srlrepro.command_line import Parser, path, run, subcommands
@@ -62,6 +63,13 @@ def joints(arguments: argparse.Namespace) -> None:
 
     rows = write_job(arguments.job, arguments.out, arguments.few, arguments.learners, arguments.cell or ())
     print(f"{rows} scores of {arguments.job}")
+
+
+def times(arguments: argparse.Namespace) -> None:
+    """Keep the medians of the times of a study of joints, for the documents."""
+    from replication.studies.joints.cells import write_times
+
+    print(f"{write_times(arguments.cells, arguments.out)} medians in {arguments.out}")
 
 
 def provenance(arguments: argparse.Namespace) -> None:
@@ -142,6 +150,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--cell", action="append", help="only this cell, such as k_250__alpha_0")
     sub.add_argument("--out", type=path, required=True, help="folder to write; finished cells are kept there")
+    sub = command("times", times, "Keep the medians of the times of a study of joints, for the documents.")
+    sub.add_argument("cells", type=path, metavar="FOLDER", help="of the cells, such as results/joints/cells")
+    sub.add_argument("--out", type=path, default=Path("docs/records/joints_times.csv"), help="table to write")
     sub = command("provenance", provenance, "Print what made a figure.")
     sub.add_argument("figure", type=path, metavar="FIGURE", help=".png, .pdf or .gif")
     sub = command("beside", beside, "Lay two variations side by side: a figure, and the final measures.")

@@ -128,6 +128,20 @@ def test_a_cell_made_twice_has_the_same_bytes(tmp_path: Path, monkeypatch: pytes
     assert len(pd.read_csv(names[0])) == len(RUNGS) * len(LAWS) * 3
 
 
+def test_medians_of_times_are_over_all_jobs(tmp_path: Path) -> None:
+    """In the order of the ladder; a folder without times is refused."""
+    for job, second in (("a", 1.0), ("b", 2.0), ("c", 9.0)):
+        rows = [("svm", 40, second, 5.0), ("tsne", 120, second, 7.0), ("tsne", 40, second, 6.0)]
+        table = pd.DataFrame(rows, columns=["hypothesis", "k", "learning_s", "query_us"])
+        table.to_csv(tmp_path / f"{job}__times.csv", index=False)
+    assert cells.write_times(tmp_path, tmp_path / "out.csv") == 3
+    found = pd.read_csv(tmp_path / "out.csv")
+    assert found["hypothesis"].tolist() == ["tsne", "tsne", "svm"] and found["k"].tolist() == [40, 120, 40]
+    assert set(found["learning_s"]) == {2.0} and set(found["cells"]) == {3}
+    with pytest.raises(ParameterError, match="folder = "):
+        cells.write_times(tmp_path / "none", tmp_path / "out.csv")
+
+
 def test_parametric_tsne_lowers_the_divergence_and_leaves_torch_alone(known: Known) -> None:
     """The divergence by hand; P is that of t-SNE, of sum 1; a worse place for a pair costs."""
     rng = np.random.default_rng(0)

@@ -34,7 +34,7 @@ from srlrepro.settings.condition import Condition
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import check
 from srlrepro.settings.paper import Paper
-from srlrepro.storage.files import read_json, write_json, write_table
+from srlrepro.storage.files import read_json, read_table, write_json, write_table
 from srlrepro.storage.provenance import code_hash
 
 ALPHAS, MIXED = ("0", "0.5", "1"), "0.5"  # of the cells, and where both laws have as many states
@@ -241,9 +241,8 @@ def run_job(
     visited = {}
     if learners is not None:
         visited[LEARNERS] = learners_states(learners, dataset, plan.test_states)
-    digest = hashlib.sha256(b"".join(x.tobytes() for x in visited.values())).hexdigest() if visited else ""
-    made_of = {"code": sources(), "values": config.as_dict(), "test_states": plan.test_states}
-    made_of["learners"] = digest
+    asked = {law: hashlib.sha256(x.tobytes()).hexdigest() for law, x in visited.items()}
+    made_of = {"code": sources(), "values": config.as_dict(), "test_states": plan.test_states, "asked": asked}
     tables: dict[str, list[dict[str, Any]]] = {"scores": [], "times": []}
     shared: tuple[MultivariateNormal, dict[str, Floats], dict[tuple[str, float], Labels]] | None = None
     for cell, names in (cells[wanted] for wanted in only or cells):
@@ -283,3 +282,23 @@ def write_job(
     write_table(folder / f"{name}__times.csv", times)
     write_table(folder / f"{name}__scores.csv", scores)
     return len(scores)
+
+
+def write_times(folder: Path, out: Path) -> int:
+    """Write the medians of the times of all jobs in a folder, by hypothesis and k; returns the number of rows.
+
+    Times are not the same twice, so that they stand in no result.
+
+    Raises:
+        ParameterError: the folder has no times.
+        ResultError: a table is damaged.
+    """
+    names = ("hypothesis", "k", "learning_s", "query_us")
+    tables = [read_table(file, names) for file in sorted(folder.glob("*__times.csv"))]
+    check(bool(tables), "folder", folder, "one with the times of jobs (*__times.csv)")
+    found = pd.concat(tables).groupby(["hypothesis", "k"])[["learning_s", "query_us"]]
+    medians = found.median().join(found.size().rename("cells"))
+    order = {name: place for place, name in enumerate(RUNGS)}
+    medians = medians.reset_index().sort_values(["hypothesis", "k"], key=lambda c: c.replace(order))
+    write_table(out, medians, digits=3)
+    return len(medians)
