@@ -37,7 +37,7 @@ STUDIES = {
     "crossed": Study("cross datasets and learners: which share of the variance is the data's", DELTAS[:1], 4),
     "caution": Study("vary p_t and α, behind the paper's region and an SVM of the whole state", ENDS, 3),
     "shift": Study("move the training data to where learners go, as Theorem 1 advises", ENDS, 5),
-    "joints": Study("1 to 8 joints: where does a low-dimensional region pay?", ENDS, 3, 600_000),
+    "joints": Study("1 to 8 joints: where does a low-dimensional region pay?", ENDS, 3, 1_000_000),
 }
 
 

@@ -172,7 +172,7 @@ def conditions(universe: Universe, learned: Learned) -> pd.DataFrame:
         rows.append(("", f"upright is stable under K at Δ = {delta:g}", radius, radius < 1))
     for alpha, (data, region) in learned.items():
         share, gamma = float(data.z.mean()), float(region.safety(np.zeros_like(data.x[:1]))[0])
-        accepted = gamma > region.p_t
+        accepted = gamma > (region.p_t if universe.recall else universe.config.paper.p_t)
         rows.append((alpha, f"safe and unsafe states in D_tr of α = {alpha}", share, 0 < share < 1))
         rows.append((alpha, f"the region of α = {alpha} accepts the origin", gamma, accepted))
         if universe.recall:

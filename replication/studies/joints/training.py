@@ -47,6 +47,7 @@ OUTCOMES = {  # of a learner, and what they are called
     "activated_share": "share of trials that K ends",
     "caution": "share of the free learner's states that h rejects",
 }
+OF_FREE = ("return_share", "log_violations")  # those that a learner without a supervisor has too
 CONTRASTS = {  # each side by its values, and what both sides share besides the dataset
     "map − whole state": ({"hypothesis": MAP}, {"hypothesis": WHOLE_STATE}, ["alpha"]),
     "α = 1 − α = 0, map": ({"hypothesis": MAP, "alpha": "1"}, {"hypothesis": MAP, "alpha": "0"}, []),
@@ -139,13 +140,13 @@ def differences(runs: pd.DataFrame, contrast: str, outcome: str) -> pd.DataFrame
 
 
 def contrasts(runs: pd.DataFrame) -> pd.DataFrame:
-    """Every contrast of every outcome, by n and Δ, over datasets: `COLUMNS`, and ``sign``.
+    """Every contrast of every outcome that both sides have, by n and Δ: `COLUMNS`, and ``sign``.
 
     runs: of `learners`. The sign is "more" or "less" where the interval leaves out 0, and else "open".
     """
     rows = []
     for contrast in CONTRASTS:
-        for outcome in OUTCOMES:
+        for outcome in OUTCOMES if NONE not in CONTRASTS[contrast][1].values() else OF_FREE:
             for place, own in differences(runs, contrast, outcome).groupby(PLACE):
                 found = contrast_interval([own["value"].to_numpy()], [1.0])
                 rows.append((contrast, outcome, *place, len(own), *found))
