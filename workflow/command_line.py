@@ -30,7 +30,8 @@ class Study(NamedTuple):
 ENDS = [DELTAS[0], DELTAS[-1]]  # of Δ, where what lies between would add runs and no contrast
 # A step takes about 0.1 ms of a core. 95 universes of 8 runs of 150 000 steps, and a minute for the kernel,
 # the regions and the labels of each, take four and a half hours of a core; by then most activations of K have
-# occurred. The others have 90, 48, 186 and 50 runs of total_steps, of some two minutes each.
+# occurred. The others have 90, 48, 186 and 50 runs of total_steps, of some two minutes each. More joints have
+# 120 of a million steps, an hour of two cores, and cells that take as long.
 STUDIES = {
     "multiverse": Study("vary what the paper leaves open, in many short runs", ENDS, 1, 150_000),
     "calibrated": Study("the grid with the evidence of Γ where held-out calibration puts it", DELTAS, 10),
