@@ -66,6 +66,9 @@ class Predictor:
 
 
 def _bytes(part: Any) -> bytes:
+    """Of arrays and numbers in tuples; what a posterior lacks has none, as an object's are its address."""
+    if part is None:
+        return b""
     return b"".join(map(_bytes, part)) if isinstance(part, tuple) else np.asarray(part).tobytes()
 
 

@@ -42,19 +42,6 @@ EXTREME = 1e-9  # the nearest that p_t comes to 0 or 1, which it must not be
 REACHED = 0.02  # by which a recall may miss what was asked for: Γ of a grid has steps
 
 
-@dataclass(frozen=True, eq=False)
-class Matched(Predictor):
-    """A hypothesis whose p_t was set by `with_recall`; its digest is the same in every process.
-
-    That of a `Predictor` is not: for the system that a posterior lacks, it takes the address of None.
-    """
-
-    def digest(self) -> str:
-        """SHA-256 of what h depends on."""
-        known = self.posterior._replace(loop=())  # type: ignore[arg-type]
-        return Predictor(known, self.p_t).digest()
-
-
 @dataclass(frozen=True)
 class Universe:
     """Values, and the cells that are trained under them."""
@@ -144,7 +131,7 @@ def with_recall(
     check(
         isinstance(region, Predictor) and region.posterior.loop is None, "hypothesis", "an oracle", "learned"
     )
-    return data, Matched(region.posterior, p_t)
+    return data, Predictor(region.posterior, p_t)
 
 
 def keep(learned: Learned, folder: Path) -> None:

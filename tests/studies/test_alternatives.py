@@ -1,5 +1,7 @@
 """Every hypothesis behind the supervisor: compiled and plain, knowing the origin, the same each time."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numba
@@ -13,7 +15,14 @@ from sklearn.neighbors import KNeighborsClassifier
 from stable_baselines3 import PPO
 
 from replication.evidence.measures import classification, reliability
-from replication.studies.alternatives import ORACLES, fit_mlp, fit_svm, learn_hypothesis, read_hypothesis
+from replication.studies.alternatives import (
+    ORACLES,
+    Predictor,
+    fit_mlp,
+    fit_svm,
+    learn_hypothesis,
+    read_hypothesis,
+)
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.learner.training import Run
@@ -119,6 +128,20 @@ def test_what_is_learned_is_the_same_each_time_and_depends_on_the_data(
     assert (learn_hypothesis(less, config, delta=DELTA).digest() == before) is (kind in ORACLES)
     assert len({h.digest() for h in hypotheses.values()}) == len(KINDS)
     assert (learn_hypothesis(data, config, delta=3.0).digest() == before) is (kind != "real")
+
+
+def test_the_digest_of_a_hypothesis_is_the_same_in_another_process() -> None:
+    """It tells thresholds and weights apart."""
+    code = (
+        "from srlrepro import pins; pins.pin()\n"
+        "from replication.studies.alternatives import Predictor\n"
+        "from srlrepro.region.hypothesis import Posterior\n"
+        "print(Predictor(Posterior(bias=0.5), 0.7).digest())"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    own = Predictor(Posterior(bias=0.5), 0.7).digest()
+    assert said.strip() == own
+    assert own != Predictor(Posterior(bias=0.5), 0.6).digest() != Predictor(Posterior(bias=0.4), 0.6).digest()
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k not in ORACLES])

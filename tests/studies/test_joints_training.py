@@ -1,8 +1,6 @@
 """Learners of more joints: contrasts that were put in, matched recall, caution of what was trained."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -33,8 +31,7 @@ from replication.studies.joints.training import (
     load_predictions,
     sentences,
 )
-from replication.studies.universe import Matched, Universe, conditions, keep, train_cells, visits
-from srlrepro.region.hypothesis import Posterior
+from replication.studies.universe import Universe, conditions, keep, train_cells, visits
 from srlrepro.samplers import generate
 from srlrepro.settings.fields import ParameterError
 from srlrepro.storage.files import ResultError, write_table
@@ -207,20 +204,6 @@ def test_a_hypothesis_that_did_not_supervise_a_run_is_refused(
     with pytest.raises(ResultError, match="does not hold what supervised"):
         learners(trained, gather(trained)[0])
     record.write_text(before)
-
-
-def test_the_digest_of_a_hypothesis_is_the_same_in_another_process() -> None:
-    """It tells thresholds and weights apart."""
-    code = (
-        "from srlrepro import pins; pins.pin()\n"
-        "from replication.studies.universe import Matched\n"
-        "from srlrepro.region.hypothesis import Posterior\n"
-        "print(Matched(Posterior(bias=0.5), 0.7).digest())"
-    )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    own = Matched(Posterior(bias=0.5), 0.7).digest()
-    assert said.strip() == own
-    assert own != Matched(Posterior(bias=0.5), 0.6).digest() != Matched(Posterior(bias=0.4), 0.6).digest()
 
 
 def test_a_recall_that_cannot_be_is_refused() -> None:

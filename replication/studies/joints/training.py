@@ -18,13 +18,12 @@ import pandas as pd
 from replication.evidence.measures import LABEL_EVERY
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.evidence.statistics import contrast_interval
-from replication.studies.alternatives import Predictor, learn_hypothesis
+from replication.studies.alternatives import learn_hypothesis
 from replication.studies.caution import LEAST
 from replication.studies.designs import WHOLE_STATE, tells
 from replication.studies.joints.answer import EXPECTED, listed, state_of
 from replication.studies.joints.chains import learning
 from replication.studies.joints.rungs import RUNGS, WHOLE
-from replication.studies.universe import Matched
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.region.safe_region import SafeRegion
@@ -119,9 +118,7 @@ def _hypothesis(universe: Path, run: TrainedRun, dataset: int) -> CompiledHypoth
     folder = universe / f"alpha_{run.condition.alpha_text}"
     if run.config.choices.hypothesis == MAP:
         return SafeRegion.load(folder / REGION)
-    h = learn_hypothesis(TrainingData.load(folder / DATA), run.config, dataset)
-    assert isinstance(h, Predictor)
-    return Matched(h.posterior, h.p_t)
+    return learn_hypothesis(TrainingData.load(folder / DATA), run.config, dataset)
 
 
 def differences(runs: pd.DataFrame, contrast: str, outcome: str) -> pd.DataFrame:
