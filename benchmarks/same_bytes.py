@@ -45,14 +45,19 @@ def emulated() -> list[str]:
     return [name for name, values in FAMILIES.items() if wide or AVX512 not in str(values)]
 
 
+def digest(*arrays: object) -> str:
+    """SHA-256 of the bytes of arrays, one after the other."""
+    import numpy as np
+
+    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+
+
 def make(folder: Path, long: bool = False) -> dict[str, str]:
     """{table: SHA-256} of a grid that is made in a folder, in this process.
 
     Of data and regions the digests are those of their arrays, of runs those of the tables, visited states and
     parameters of the final policy; archives hold the time at which they were written.
     """
-    import numpy as np
-
     from replication.evidence.measures import measure_run, write_measures
     from replication.evidence.results import TrainedRun, read_run
     from srlrepro.dynamics.lqg import LQG
@@ -61,9 +66,6 @@ def make(folder: Path, long: bool = False) -> dict[str, str]:
     from srlrepro.region.safe_region import learn_region
     from srlrepro.samplers import generate
     from srlrepro.settings.config import Config
-
-    def digest(*arrays: object) -> str:
-        return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
 
     config = Config() if long else Config().with_values(**FEWER)
     gains = LQG()

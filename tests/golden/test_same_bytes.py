@@ -3,8 +3,9 @@
 import pytest
 
 from benchmarks import same_bytes
-from benchmarks.same_bytes import FAMILIES, differing, emulated, grid, kept
+from benchmarks.same_bytes import DELTA, FAMILIES, ROOT, SEED, differing, digest, emulated, grid, kept
 from srlrepro import pins
+from srlrepro.learner.policy import load_policy
 
 pytestmark = [
     pytest.mark.slow,
@@ -22,6 +23,15 @@ def test_the_small_grid_has_the_golden_digests(here: dict[str, str]) -> None:
     wanted = kept()
     assert wanted is not None, "python -m benchmarks.same_bytes --write makes them"
     assert differing(here, wanted) == []
+
+
+def test_a_run_of_full_length_has_the_golden_digests() -> None:
+    """And so has the committed policy of this run."""
+    wanted = kept(long=True)
+    assert wanted is not None, "python -m benchmarks.same_bytes --long --write makes them"
+    assert differing(grid(long=True), wanted) == []
+    policy = load_policy(ROOT / "policies" / f"alpha_0.5__delta_{DELTA}__seed_{SEED}.npz")
+    assert digest(*policy.weights, *policy.biases, policy.log_std) == wanted["policy 0.5"]
 
 
 def test_folder_home_zone_locale_and_hashes_of_python_do_not_matter(here: dict[str, str]) -> None:
