@@ -21,7 +21,7 @@ from replication.digests import SET, read_set
 from replication.evidence.claims import MEASURE_COLUMNS, judge_claims, load_claims
 from replication.evidence.measures import SATISFYING, first_link_shares, log_odds, measure_rows, read_measures
 from replication.evidence.statistics import final_performance
-from replication.evidence.verdicts import AS_WRITTEN, by_budget, failure_rates, matrix
+from replication.evidence.verdicts import AS_WRITTEN, CALIBRATED, by_budget, failure_rates, matrix, of_arm
 from replication.plots.multiverse import curve_table
 from replication.studies import caution, crossed, multiverse, shift, theorem
 from replication.studies.discrepancy import beside_outcomes, rank_correlations
@@ -154,6 +154,10 @@ def judged(folder: Path) -> Iterator[Found]:
     yield Found("contrasts", contrasts, 4, exactly=exactly)
     yield Found("verdict", matrix(tests, contrasts), None, exactly=exactly)
     rates = failure_rates(measures).assign(arm=AS_WRITTEN)
+    beside = folder.parent / CALIBRATED / "measures.csv"
+    if beside.exists() and not read_set(folder / SET).get("note"):  # as the workflow draws the arm
+        other = failure_rates(of_arm(measures, read_measures(beside)))
+        rates = pd.concat([rates, other.assign(arm=CALIBRATED)])
     yield Found("failure_rate", rates, group=("arm", *RUN), exactly=exactly)
     if (folder / "budgets.csv").exists():
         budgets = _read(folder, "budgets", *MEASURE_COLUMNS, "step")

@@ -9,6 +9,7 @@ import pytest
 
 from replication import tables
 from replication.digests import DIGESTS, SET, changed, write_digests
+from replication.evidence.verdicts import CALIBRATED
 from replication.facts import Facts
 from replication.tables import RUN, Difference, disagreement, first_difference, found_in, is_new, near, shared
 from srlrepro.storage.files import ResultError, write_json, write_table
@@ -90,8 +91,10 @@ def test_only_last_digits_are_forgiven(one: str, other: str, same: bool) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", SETS, ids=lambda folder: folder.name)
 def test_no_committed_table_contradicts_another(folder: Path) -> None:
-    found = list(found_in(folder))
-    assert found and [d for table in found if (d := disagreement(folder, table))] == []
+    """A set of measures alone says nothing of itself: what the grid says of it is held against them."""
+    found, tables_there = list(found_in(folder)), {path.stem for path in folder.glob("*.csv")}
+    assert bool(found) == (tables_there != {"measures", "conditions"})
+    assert [d for table in found if (d := disagreement(folder, table))] == []
     assert changed(folder) == []
 
 
@@ -106,6 +109,23 @@ def test_a_changed_table_contradicts_others_even_if_the_digests_are_renewed(tmp_
     assert changed(folder) == []
     found = [d for table in found_in(folder) if (d := disagreement(folder, table))]
     assert [Path(d.file).stem for d in found] == ["discrepancy_outcomes", "discrepancy_ranks"]
+
+
+def test_the_other_arm_is_held_against_its_measures(tmp_path: Path) -> None:
+    ignored = shutil.ignore_patterns("*.pdf", "*.png", "*.gif")
+    for name in ("full", CALIBRATED):
+        shutil.copytree(ROOT / "figures" / name, tmp_path / name, ignore=ignored)
+    told = [f for f in found_in(tmp_path / "full") if f.name == "failure_rate"]
+    assert [disagreement(tmp_path / "full", found) for found in told] == [None]
+    measures = tmp_path / CALIBRATED / "measures.csv"
+    row = next(
+        line for line in measures.read_text().splitlines() if line.startswith("success_log_odds,1,1.1,0,")
+    )
+    parts = row.split(",")
+    replace(measures, row, ",".join([*parts[:4], str(float(parts[4]) + 1), *parts[5:]]))
+    (found,) = [f for f in found_in(tmp_path / "full") if f.name == "failure_rate"]
+    difference = disagreement(tmp_path / "full", found)
+    assert difference is not None and difference.column == "failure_rate"
 
 
 def test_two_sets_say_the_same_of_their_runs(tmp_path: Path) -> None:
