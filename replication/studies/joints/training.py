@@ -25,6 +25,7 @@ from replication.studies.joints.answer import EXPECTED, listed, state_of
 from replication.studies.joints.chains import learning
 from replication.studies.joints.rungs import RUNGS, WHOLE
 from srlrepro.dynamics.circle_env import perfect_return
+from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.hypothesis import CompiledHypothesis
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.samplers import TrainingData
@@ -231,7 +232,7 @@ class Prediction:
         check(self.outcome in OUTCOMES, "outcome", self.outcome, f"one of {', '.join(OUTCOMES)}")
         check(self.expected in EXPECTED, "expected", self.expected, f"one of {', '.join(EXPECTED)}")
 
-    def values(self, runs: pd.DataFrame) -> np.ndarray:
+    def values(self, runs: pd.DataFrame) -> Floats:
         """What is predicted, in each dataset that has all of it; runs: of `learners`."""
         own = differences(runs, self.contrast, self.outcome)
         wide = own[own["delta"] == self.delta].pivot_table("value", "dataset", "links")
