@@ -11,6 +11,7 @@ import pandas as pd
 from replication.digests import SET, read_set
 from replication.evidence.claims import LAYERS, MEASURE_COLUMNS, RATES, VERDICTS, load_claims
 from replication.evidence.measures import TEST_STATES, read_measures
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
 from replication.evidence.verdicts import (
     AS_WRITTEN,
     CALIBRATED,
@@ -27,10 +28,10 @@ from replication.evidence.verdicts import (
     resting,
     rows,
 )
-from replication.studies import multiverse
+from replication.studies import caution, crossed, multiverse, shift
 from replication.studies.discrepancy import KINDS
 from replication.studies.joints import training
-from replication.studies.joints.answer import FAILS, HOLDS, OPEN, sentence
+from replication.studies.joints.answer import sentence
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -320,6 +321,71 @@ class Facts:
         most = {row["delta"]: row["alpha"] for row in sorted(kept, key=lambda row: row["final_return"])}
         chosen = {row["delta"]: most.get(row["delta"]) for row in outcomes}
         return {"rise": [kind for kind in KINDS if by_delta[kind].is_monotonic_increasing], "alpha": chosen}
+
+    def crossed(self) -> Row:
+        """The dataset's share of the variance of each measure, by α, and how predictions came out."""
+        columns = ("measure", "alpha", "datasets", "learners", "share", "low", "high")
+        found = read_table(self.figures / "crossed" / "crossed_components.csv", columns, text=("alpha",))
+        by = {name: found[found["measure"] == name] for name in crossed.JUDGED}
+        return {
+            "alphas": list(found["alpha"].unique()),
+            "shares": {
+                " ".join(crossed.JUDGED[name].split()): own.to_dict("records") for name, own in by.items()
+            },
+            "ends": {name: (own["share"].min(), own["share"].max()) for name, own in by.items()},
+            "predicted": crossed.predicted(found),
+        } | {name: int(found[name].max()) for name in ("datasets", "learners")}
+
+    def caution(self) -> Row:
+        """What α and all dimensions do at equal recall and at equal caution, and how predictions came out."""
+        folder = self.figures / "caution"
+        columns = ("hypothesis", "alpha", "delta", "dataset", "recall", "false_positives")
+        equal = read_table(folder / "caution_recall.csv", columns, text=("alpha",))
+        columns = ("delta", "outcome", "effect", "estimate", "low", "high")
+        found = read_table(folder / "caution_effects.csv", columns, text=("effect", "state"))
+        known = found[found["effect"] != caution.SLOPE]
+        violations = known[known["outcome"] == "log_violations"]
+        is_svm = violations["effect"] == caution.SVM
+        groups = {"svm": violations[is_svm], "alpha": violations[~is_svm]}
+        recall = max(caution.RECALLS)
+        kept = equal[equal["recall"] == recall]
+        rates = kept.pivot_table("false_positives", ["delta", "hypothesis"], "alpha", sort=False)
+        return {
+            "recall": recall,
+            "alphas": list(rates),
+            "rates": [(place, row.tolist()) for place, row in rates.iterrows()],
+            "units": [unit for unit, _ in caution.OUTCOMES.values()],
+            "effects": [
+                (place, own.to_dict("records"))
+                for place, own in known.groupby(["delta", "effect"], sort=False)
+            ],
+            "matters": {name: int((own["state"] == "matters").sum()) for name, own in groups.items()},
+            "of": {name: len(own) for name, own in groups.items()},
+            "predicted": caution.predicted(equal, found),
+        }
+
+    def shift(self) -> Row:
+        """What training data nearer to the learner's states change, and how predictions came out."""
+        names = ("measure", "delta", "variant", "mean", "written", "difference", "low", "high")
+        found = read_table(self.figures / "shift" / "shift_contrasts.csv", names)
+        rows = found[found["measure"].isin(shift.SHOWN)].to_dict("records")
+        texts = {
+            name: " ".join(text.replace("\\mathcal{D}", "D").replace("$", "").split())
+            for name, text in shift.SHOWN.items()
+        }
+        by: Row = {}
+        for row in rows:
+            by.setdefault((row["delta"], row["variant"]), {})[row["measure"]] = row
+        better = [row for row in rows if row["measure"] == "violations_per_1000_steps"]
+        return {
+            "texts": texts,
+            "rows": list(by.items()),
+            "fewer": sum(row["high"] < 0 for row in better),
+            "more": sum(row["low"] > 0 for row in better),
+            "of": len(better),
+            "agree": shift.agreement(found),
+            "predicted": shift.predicted(found),
+        }
 
     def joints(self) -> Row:
         """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""

@@ -20,6 +20,7 @@ import pandas as pd
 from sklearn.metrics import roc_curve
 
 from replication.evidence.measures import Labelled
+from replication.evidence.predictions import state_of
 from replication.evidence.statistics import contrast_interval
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.designs import HYPOTHESES, THRESHOLDS
@@ -196,3 +197,57 @@ def sentences(equal: pd.DataFrame, found: pd.DataFrame) -> list[str]:
             parts.append(f"{name} {interval}, {row['state']}")
         said.append(f"Δ = {delta:g}: at equal caution, {OUTCOMES[str(outcome)][0]}: {'; '.join(parts)}.")
     return said
+
+
+def at_recall_differences(equal: pd.DataFrame, recall: float = max(RECALLS)) -> pd.DataFrame:
+    """Differences of the rate of false positives at equal recall, within datasets, with 95 % intervals.
+
+    equal: the second table of `scored`.
+
+    Returns:
+        delta, what ("α = 1 − α = 0" of the region; "SVM − region", the mean over α), datasets, estimate, low
+        and high.
+    """
+    rates = equal[equal["recall"] == recall].astype({"alpha": str})
+    rows = []
+    for delta, own in rates.groupby("delta"):
+        wide = own.pivot_table("false_positives", "dataset", ["hypothesis", "alpha"])
+        region, svm = (wide[kind] for kind in HYPOTHESES)
+        values = {
+            "α = 1 − α = 0": region["1"] - region["0"],
+            "SVM − region": pd.DataFrame(svm - region).mean(axis=1),
+        }
+        for what, each in values.items():
+            known = each.dropna().to_numpy()
+            rows.append((delta, what, len(known), *contrast_interval([known], [1])))
+    return pd.DataFrame(rows, columns=["delta", "what", "datasets", "estimate", "low", "high"])
+
+
+def predicted(equal: pd.DataFrame, found: pd.DataFrame) -> list[tuple[str, dict[str, str]]]:
+    """What notebook 15 predicted before any run, with its state by the interval at each Δ.
+
+    equal: the second table of `scored`; found: as of `effects`.
+    """
+    recalled, said = at_recall_differences(equal), []
+    for what, expected, text in (
+        ("α = 1 − α = 0", "above", "at equal recall α = 1 accepts no fewer unsafe states than α = 0"),
+        ("SVM − region", "below", "at equal recall the SVM accepts fewer than the region"),
+    ):
+        own = recalled[recalled["what"] == what]
+        said.append((text, _states(own, expected, 0.0)))
+    violations = found[(found["outcome"] == "log_violations") & (found["effect"] != SLOPE)]
+    for effect, own in violations.groupby("effect"):
+        text, expected, bound = "the SVM has fewer violations than the region", "below", 0.0
+        if effect != SVM:
+            text, expected = f"α = {effect} changes violations by less than a factor of two", "within"
+            bound = OUTCOMES["log_violations"][1]
+        said.append((f"at equal caution {text}", _states(own, expected, bound)))
+    return said
+
+
+def _states(rows: pd.DataFrame, expected: str, bound: float) -> dict[str, str]:
+    """The state of every row, by its Δ."""
+    return {
+        f"Δ = {row['delta']:g}": state_of(expected, bound, row["low"], row["high"])
+        for row in rows.to_dict("records")
+    }

@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
+from replication.evidence.predictions import state_of
 from replication.evidence.statistics import LEVEL
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.settings.fields import check
@@ -33,6 +34,12 @@ JUDGED = {  # measures of a run, and what a figure calls them
 DRAWS = 20_000  # of the three sums of squares: an end is known to about a hundredth
 SEED = 17  # of the draws
 PARTS = ("dataset", "learner", "residual")
+HALF = 0.5  # of the variance
+# By notebook 17, before any run: a measure, whose share lies above or below `HALF`, at which α.
+EXPECTED = (
+    ("success_log_odds", "above", ("0", "0.5")),
+    ("policy_alone_share", "below", ("0", "0.5", "1")),
+)
 
 
 class Components(NamedTuple):
@@ -105,4 +112,17 @@ def sentences(table: pd.DataFrame) -> list[str]:
         parts = [f"α = {r['alpha']}: {r['share']:.0%} [{r['low']:.0%}, {r['high']:.0%}]" for r in rows]
         name = " ".join(text.split())
         said.append(f"The dataset's share of the variance of the {name}: {', '.join(parts) or 'not known'}.")
+    return said
+
+
+def predicted(table: pd.DataFrame) -> list[tuple[str, dict[str, str]]]:
+    """Every prediction of `EXPECTED` with its state at each α; table: as of `component_table`."""
+    rows = table.set_index(["measure", "alpha"])[["low", "high"]].to_dict("index")
+    unknown = {"low": np.nan, "high": np.nan}
+    said = []
+    for measure, expected, alphas in EXPECTED:
+        ends = {alpha: rows.get((measure, alpha), unknown) for alpha in alphas}
+        states = {f"α = {a}": state_of(expected, HALF, own["low"], own["high"]) for a, own in ends.items()}
+        more = "more" if expected == "above" else "less"
+        said.append((f"{more} than half for the {' '.join(JUDGED[measure].split())}", states))
     return said

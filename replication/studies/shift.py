@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.measures import classification, labelled
+from replication.evidence.predictions import FAILS, state_of
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.evidence.statistics import contrast_interval
-from replication.studies.designs import AS_WRITTEN, VARIANTS, free_runs, tells
+from replication.studies.designs import AS_WRITTEN, LAW, REFITTED, VARIANTS, WEIGHTED, free_runs, tells
 from replication.studies.divergence import DOMAIN_CLASSIFIERS, domain_classifier
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.dynamics.pendulum import Floats
@@ -40,6 +41,13 @@ LEARNED = (  # measures of the learner beside them
     "activated_share",
 )
 RUN = ["variant", "delta", "dataset"]
+# By notebook 18, before any run of full length: a variant, and a measure of it against the data as written.
+EXPECTED = (
+    (REFITTED, "distance", "below", "least", "is nearest to D"),
+    (REFITTED, "free_error", "below", "least", "has the smallest error on free states"),
+    (LAW, "distance", "below", "", "is nearer to D than the data as written"),
+    (WEIGHTED, "free_error", "above", "", "does not help: its error there is larger"),
+)
 
 
 def measure_shift(
@@ -143,3 +151,33 @@ def sentences(found: pd.DataFrame) -> list[str]:
             parts.append(f"{str(row['measure']).replace('_', ' ')} {interval}, {sign}")
         said.append(f"{variant} against {AS_WRITTEN}, Δ = {delta:g}: {'; '.join(parts)}.")
     return said
+
+
+def predicted(found: pd.DataFrame) -> list[tuple[str, dict[str, str]]]:
+    """Every prediction of `EXPECTED` with its state at each Δ; found: as of `contrasts`.
+
+    By the interval against the data as written. What shall be the least fails where another mean is less.
+    """
+    said = []
+    for variant, measure, expected, rank, text in EXPECTED:
+        states = {}
+        for delta, own in found[found["measure"] == measure].groupby("delta"):
+            rows = own.set_index("variant")
+            if variant in rows.index:
+                state = state_of(expected, 0.0, rows["low"][variant], rows["high"][variant])
+                least = min(rows["mean"].min(), rows["written"].min())
+                state = FAILS if rank and least < rows["mean"][variant] else state
+                states[f"Δ = {delta:g}"] = state
+        said.append((f"{variant} {text}", states))
+    return said
+
+
+def agreement(found: pd.DataFrame) -> tuple[int, int]:
+    """(In how many, of how many) variants and Δ the violations move as the error on the free states does."""
+    index = ["variant", "delta"]
+    moved = [
+        np.sign(found[found["measure"] == name].set_index(index)["difference"])
+        for name in ("free_error", "violations_per_1000_steps")
+    ]
+    both = pd.concat(moved, axis=1).dropna()
+    return int((both.iloc[:, 0] == both.iloc[:, 1]).sum()), len(both)

@@ -11,12 +11,10 @@ import torch
 from sklearn.metrics import roc_auc_score
 
 from replication.evidence.measures import classification
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.joints import answer, cells, parametric
 from replication.studies.joints.answer import (
-    FAILS,
-    HOLDS,
-    OPEN,
     Prediction,
     advantages,
     at_equal_recall,
@@ -400,13 +398,6 @@ def test_a_prediction_is_judged_by_its_interval(
         "records"
     )
     assert row["state"] == state and row["datasets"] == (0 if of == "knn" else 4)
-
-
-def test_an_interval_on_both_sides_of_the_bound_leaves_a_prediction_open() -> None:
-    above, below, within = (Prediction("id", "words", "svm", e, 0.1, WHERE) for e in answer.EXPECTED)
-    assert [p.judge(0.05, 0.15) for p in (above, below, within)] == [OPEN] * 3
-    assert [p.judge(-0.3, 0.05) for p in (above, below, within)] == [FAILS, HOLDS, OPEN]
-    assert [p.judge(np.nan, np.nan) for p in (above, below, within)] == [OPEN] * 3
 
 
 def test_a_prediction_may_compare_two_places() -> None:

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from replication.evidence.measures import measure_regions, write_measures
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
 from replication.evidence.results import read_run
 from replication.studies import designs
 from replication.studies.designs import gather, learners_of, tells
-from replication.studies.joints.answer import FAILS, HOLDS, OPEN
 from replication.studies.joints.cells import learners_states
 from replication.studies.joints.chains import controlled, data_of, learning, normal, training_data
 from replication.studies.joints.training import (

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from replication.evidence.predictions import EXPECTED, judge
 from replication.evidence.statistics import contrast_interval, half_width
 from replication.studies.joints.cells import CELL, LEARNERS, MIXED, SCORES
 from replication.studies.joints.rungs import MAPS, RUNGS, WHOLE
@@ -30,8 +31,6 @@ PAIRS = {  # a map, a hypothesis of the whole state, and how they are called
     "best": ("best_map", "best_whole", "the best map against the best of the whole state"),
 }
 PLACE = ["links", "k", "law", "delta"]
-HOLDS, FAILS, OPEN = "holds", "fails", "open"
-EXPECTED = ("above", "below", "within")
 
 
 def averaged(scores: pd.DataFrame) -> pd.DataFrame:
@@ -137,19 +136,6 @@ class Prediction:
         value = own[self.against] - own[self.of] if self.against else own[self.of]
         return value.groupby(own["dataset"]).mean()
 
-    def judge(self, low: float, high: float) -> str:
-        """Whether an interval lies where it is expected, outside, or neither; `OPEN` without one."""
-        return state_of(self.expected, self.bound, low, high)
-
-
-def state_of(expected: str, bound: float, low: float, high: float) -> str:
-    """Whether an interval lies above or below a bound, or within ± it; `OPEN` if neither, or without one."""
-    least = {"above": bound, "below": -np.inf, "within": -bound}[expected]
-    most = {"above": np.inf, "below": bound, "within": bound}[expected]
-    if least <= low and high <= most:
-        return HOLDS
-    return FAILS if high < least or low > most else OPEN
-
 
 @cache
 def load_predictions() -> tuple[Prediction, ...]:
@@ -163,17 +149,13 @@ def load_predictions() -> tuple[Prediction, ...]:
 
 
 def judged(table: pd.DataFrame, predictions: Iterable[Prediction] | None = None) -> pd.DataFrame:
-    """Every prediction with its estimate, interval and state.
+    """Every prediction with its estimate, interval and state, see `judge`.
 
     table: of `at_equal_recall`.
     """
-    best, rows = with_best(table), []
-    for p in load_predictions() if predictions is None else predictions:
-        values = p.differences(best)
-        estimate, low, high = contrast_interval([values], [1.0])
-        rows.append((p.id, p.statement, len(values), estimate, low, high, p.judge(low, high)))
-    columns = ["id", "prediction", "datasets", "estimate", "low", "high", "state"]
-    return pd.DataFrame(rows, columns=columns)
+    best = with_best(table)
+    told = load_predictions() if predictions is None else predictions
+    return judge((p, p.differences(best)) for p in told)
 
 
 def sentence(found: pd.DataFrame, pair: str = "as written", law: str = "visits", delta: float = 1.1) -> str:

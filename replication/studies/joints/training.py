@@ -16,12 +16,13 @@ import numpy as np
 import pandas as pd
 
 from replication.evidence.measures import LABEL_EVERY
+from replication.evidence.predictions import EXPECTED, judge
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
 from replication.evidence.statistics import contrast_interval
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.caution import LEAST
 from replication.studies.designs import WHOLE_STATE, tells
-from replication.studies.joints.answer import EXPECTED, listed, state_of
+from replication.studies.joints.answer import listed
 from replication.studies.joints.chains import learning
 from replication.studies.joints.rungs import RUNGS, WHOLE
 from srlrepro.dynamics.circle_env import perfect_return
@@ -251,13 +252,6 @@ def load_predictions() -> tuple[Prediction, ...]:
 
 
 def judged(runs: pd.DataFrame, predictions: Iterable[Prediction] | None = None) -> pd.DataFrame:
-    """Every prediction with its estimate, interval and state; runs: of `learners`."""
-    rows = []
-    for p in load_predictions() if predictions is None else predictions:
-        values = p.values(runs)
-        estimate, low, high = contrast_interval([values], [1.0])
-        rows.append(
-            (p.id, p.statement, len(values), estimate, low, high, state_of(p.expected, p.bound, low, high))
-        )
-    columns = ["id", "prediction", "datasets", "estimate", "low", "high", "state"]
-    return pd.DataFrame(rows, columns=columns)
+    """Every prediction with its estimate, interval and state, see `judge`; runs: of `learners`."""
+    told = load_predictions() if predictions is None else predictions
+    return judge((p, p.values(runs)) for p in told)
