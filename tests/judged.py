@@ -76,3 +76,28 @@ def write_judged(folder: Path, table: pd.DataFrame) -> None:
     write_table(folder / "verdict.csv", matrix(claims, contrasts))
     papers = [claim for claim in claims if claim.layer == "a"]
     write_table(folder / "verdict_by_step.csv", by_budget(papers, budgets()))
+
+
+def write_studies(figures: Path) -> None:
+    """What the documents read of the studies beside the grid: crossed, caution and shift."""
+    parts = ("success_log_odds", "policy_alone_share")
+    shares = [(m, a, 4, 4, 0.6, 0.2, 0.9) for m, a in itertools.product(parts, ("0", "0.5", "1"))]
+    columns = ["measure", "alpha", "datasets", "learners", "share", "low", "high"]
+    write_table(figures / "crossed" / "crossed_components.csv", pd.DataFrame(shares, columns=columns))
+    equal = itertools.product(("tsne", "svm"), ("0", "1"), (1.1, 4.0), range(3), (0.5, 0.8), (0.25,))
+    columns = ["hypothesis", "alpha", "delta", "dataset", "recall", "false_positives"]
+    write_table(figures / "caution" / "caution_recall.csv", pd.DataFrame(equal, columns=columns))
+    kinds = itertools.product((1.1, 4.0), ("log_violations", "success_log_odds", "policy_alone_share"))
+    states = {"caution": "", "0.5": "practically nothing", "1": "open", "svm": "matters"}
+    found = [(*place, e, 3, -0.8, -0.9, -0.7, s) for place in kinds for e, s in states.items()]
+    columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
+    write_table(figures / "caution" / "caution_effects.csv", pd.DataFrame(found, columns=columns))
+    names = ("distance", "free_error", "violations_per_1000_steps")
+    moved = [
+        (name, delta, variant, 5, 0.1, 0.3, -0.2, -0.3, 0.1 if variant == "refitted" else -0.1)
+        for name, delta, variant in itertools.product(names, (1.1, 4.0), ("learners-law", "refitted"))
+    ]
+    columns = ["measure", "delta", "variant", "n", "mean", "written", "difference", "low", "high"]
+    write_table(figures / "shift" / "shift_contrasts.csv", pd.DataFrame(moved, columns=columns))
+    for name in ("crossed", "caution", "shift"):
+        write_table(figures / name / "measures.csv", measures())

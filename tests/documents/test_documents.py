@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from judged import measures, write_judged
+from judged import measures, write_judged, write_studies
 
 from replication import documents
 from replication.documents import DOCS, FIGURES, ROOT, render
@@ -151,6 +151,22 @@ def test_what_more_joints_say_stands_in_the_report(larger: Path) -> None:
     assert report.count("2 of 3 hold, 0 fail, 1 are open") == 2 and f"{NOT_RUN}joints`" not in report
 
 
+def test_what_the_studies_say_stands_in_report_and_readme(larger: Path) -> None:
+    write_studies(larger)
+    report, readme = render("REPORT.md", larger), render("README.md", larger)
+    assert "| log odds that K succeeds | 60 [20, 90] % | 60 [20, 90] % | 60 [20, 90] % |" in report
+    assert "more than half for the log odds that K succeeds (α = 0: *open*, α = 0.5: *open*)" in report
+    assert "- **The draw of the data** is 60 to 60 % of the variance" in readme
+    assert "| 1.1 | SVM, whole state | 0.25 | 0.25 |" in report
+    nothing = "| 4 | α = 0.5 |" + " -0.80 [-0.90, -0.70] practically nothing |" * 3
+    assert nothing in report and "the SVM has fewer violations than the region (Δ = 1.1: *holds*" in report
+    counts = "in 0 of 4 comparisons, an SVM of the whole state in 2 of 2."
+    assert counts in readme and counts.replace(" an SVM", " and an SVM") in report
+    assert "| 4 | learners-law | **-0.2** | **-0.2** | – | – | **-0.2** | – |" in report
+    assert "| 4 | refitted | -0.2 | -0.2 |" in report
+    assert "in 4 of 4 cases. Predicted" in report and "fewer violations in 2 of 4 cases" in readme
+
+
 def test_every_part_that_was_not_run_says_so(larger: Path) -> None:
     """And is not said to be so where it was."""
     report, opened = render("REPORT.md", larger), "Not run, and not claimed: "
@@ -158,9 +174,8 @@ def test_every_part_that_was_not_run_says_so(larger: Path) -> None:
     assert f"{opened}{missing}." in render("README.md", larger)
     for name in ("multiverse", "crossed", "caution", "shift", "joints"):
         assert f"{NOT_RUN}{name}`" in report
-    for name in ("crossed", "caution", "shift", "calibrated"):
-        (larger / name).mkdir()
-        write_table(larger / name / "measures.csv", measures())
+    write_studies(larger)
+    write_table(larger / "calibrated" / "measures.csv", measures())
     readme, report = (render(name, larger) for name in documents.TOP)
     assert f"{opened}the multiverse; more joints." in readme and "**Γ's evidence** lies" in readme
     assert report.count(NOT_RUN) == 3 and "; 0 verdicts differ." in report

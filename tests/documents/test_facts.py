@@ -240,7 +240,7 @@ def test_computing_takes_times_from_results(tmp_path: Path) -> None:
     """Further seeds are what is beyond the grid that they share; an unfinished run is not told of."""
     (tmp_path / "docs" / "records").mkdir(parents=True)
     shutil.copy(ROOT / "docs" / "records" / "computing.csv", tmp_path / "docs" / "records")
-    for name, trainings, hours in (("full", 36, 1.5), ("seeds_10", 120, 5.0), ("multiverse", 9, 1.0)):
+    for name, trainings, hours in (("full", 36, 1.5), ("seeds_10", 120, 5.0), ("crossed", 9, 1.0)):
         (tmp_path / name).mkdir(parents=True)
         time = {"trainings": trainings, "core_hours": hours, "minutes": 3.0, "steps": 7}
         write_json(tmp_path / "docs" / "records" / f"{name}.json", time)
@@ -248,7 +248,10 @@ def test_computing_takes_times_from_results(tmp_path: Path) -> None:
     table = {row["what"]: row for row in Facts(tmp_path, tmp_path).computing()}
     more = table["further seeds"]
     assert (more["trainings"], more["core_hours"], more["ran"]) == (84, 3.5, True)
-    assert not table["multiverse"]["ran"] and table["multiverse"]["core_hours"] is None
+    assert (
+        not table["datasets crossed with learners"]["ran"]
+        and table["datasets crossed with learners"]["core_hours"] is None
+    )
     first = table["first full grid, three seeds"]
     assert first["most"] == pytest.approx(first["minutes"] * first["cores"] / 60)
 

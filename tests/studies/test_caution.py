@@ -5,8 +5,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from replication.evidence.measures import Labelled, classification
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.caution import (
     BESIDE,
@@ -16,10 +18,12 @@ from replication.studies.caution import (
     SLOPE,
     SVM,
     at_recall,
+    at_recall_differences,
     effects,
     fitted,
     judge,
     learners,
+    predicted,
     scored,
     sentences,
 )
@@ -138,3 +142,38 @@ def test_the_answer_tells_every_effect() -> None:
     rates = "0.25 at α = 0, 0.25 at α = 1"
     assert said[1] == f"Δ = 1.1: at a recall of 0.8, tsne accepts {rates} of the unsafe states."
     assert len(said) == 4 + 6 and "α = 1 +0.70 [0.70, 0.70], matters; SVM +0.30 [0.30, 0.30]" in said[4]
+
+
+def rates(region: float, of_alpha: float, svm: float, spread: float = 0.0) -> pd.DataFrame:
+    """False positives at equal recall: of the region, what α = 1 adds, and what the SVM adds.
+
+    Every dataset has a level of its own; spread is that of the differences between datasets.
+    """
+    rows = []
+    for kind, alpha, d, recall in product(("tsne", "svm"), ("0", "1"), range(3), RECALLS):
+        value = region + d / 100 + of_alpha * (alpha == "1") + svm * (kind == "svm")
+        value += spread * (d - 1) * (kind == "svm" or alpha == "1")
+        rows.append((kind, alpha, 1.1, d, recall, value))
+    return pd.DataFrame(rows, columns=[*CELL, "recall", "false_positives"])
+
+
+def test_differences_at_equal_recall_are_taken_within_datasets() -> None:
+    """What all hypotheses of a dataset share is no difference; each is one by `scipy`'s t-interval."""
+    exact = at_recall_differences(rates(0.4, 0.1, -0.2)).set_index("what")
+    assert exact["estimate"].to_dict() == pytest.approx({"α = 1 − α = 0": 0.1, "SVM − region": -0.2})
+    assert exact["datasets"].eq(3).all() and (exact["high"] - exact["low"]).max() < 1e-9
+    found = at_recall_differences(rates(0.4, 0.1, -0.2, spread=0.05)).set_index("what")
+    low, high = stats.t.interval(0.95, 2, 0.1, 0.05 / np.sqrt(3))
+    assert found.loc["α = 1 − α = 0", ["low", "high"]].tolist() == pytest.approx([low, high])
+
+
+def test_predictions_are_judged_at_each_delta() -> None:
+    found = effects(cells())
+    told = dict(predicted(rates(0.4, 0.1, -0.2), found))
+    states = [list(own.values()) for own in told.values()]
+    assert states == [[HOLDS], [HOLDS], [HOLDS] * 2, [FAILS] * 2, [FAILS] * 2]
+    assert list(told)[2:4] == [
+        f"at equal caution α = {a} changes violations by less than a factor of two" for a in ("0.5", "1")
+    ]
+    told = dict(predicted(rates(0.4, -0.1, 0.0, spread=0.05), found))
+    assert [list(states.values()) for states in told.values()][:2] == [[OPEN], [OPEN]]

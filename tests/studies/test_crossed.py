@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from replication.studies.crossed import JUDGED, component_table, components, sentences
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
+from replication.studies.crossed import JUDGED, component_table, components, predicted, sentences
 from srlrepro.settings.fields import ParameterError
 
 RNG = np.random.default_rng
@@ -65,3 +66,17 @@ def test_the_table_leaves_out_a_dataset_that_lacks_a_run() -> None:
     assert np.isnan(table.loc[1, "share"]) and table.loc[1, "mean"] == 1
     said = sentences(table)
     assert len(said) == len(JUDGED) and f"α = 0: {three.share:.0%} [" in said[3] and "not known" in said[4]
+
+
+def test_predictions_about_half_of_the_variance_are_judged_by_the_interval() -> None:
+    ends = {
+        ("success_log_odds", "0"): (0.6, 0.9),
+        ("success_log_odds", "0.5"): (0.4, 0.9),
+        ("policy_alone_share", "0"): (0.0, 0.4),
+        ("policy_alone_share", "0.5"): (0.6, 0.9),
+    }
+    rows = [(*cell, low, high) for cell, (low, high) in ends.items()]
+    told = predicted(pd.DataFrame(rows, columns=["measure", "alpha", "low", "high"]))
+    assert [list(states.values()) for _, states in told] == [[HOLDS, OPEN], [HOLDS, FAILS, OPEN]]
+    assert told[0][0] == "more than half for the log odds that K succeeds"
+    assert list(told[1][1]) == ["α = 0", "α = 0.5", "α = 1"]  # the last was not measured

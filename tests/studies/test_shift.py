@@ -8,9 +8,10 @@ import pytest
 from scipy.stats import ttest_ind
 
 from replication.evidence.measures import classification, labelled, write_measures
+from replication.evidence.predictions import FAILS, HOLDS, OPEN
 from replication.evidence.results import read_run
 from replication.studies.designs import gather
-from replication.studies.shift import contrasts, distance, measure_universes, sentences
+from replication.studies.shift import agreement, contrasts, distance, measure_universes, predicted, sentences
 from replication.studies.universe import Universe, conditions, keep, train_cells
 from srlrepro.dynamics.closed_loop import ClosedLoop
 from srlrepro.settings.config import Config
@@ -80,3 +81,25 @@ def test_contrasts_are_differences_of_means_by_variant() -> None:
     assert np.isnan(found.loc["weighted-ud", "low"])
     said = sentences(contrasts(table))
     assert len(said) == 2 and said[0].startswith("refitted against as-written, Δ = 4: free error ")
+
+
+def test_predictions_name_the_least_and_the_nearer() -> None:
+    """At Δ = 4 another variant is nearer to D than the refitted one, which then is not the nearest."""
+    index = ["variant", "measure", "delta", "mean", "written", "difference", "low", "high"]
+    rows = [
+        ("refitted", "distance", 1.1, 0.2, 0.5, -0.3, -0.4, -0.2),
+        ("learners-law", "distance", 1.1, 0.4, 0.5, -0.1, -0.3, 0.1),
+        ("refitted", "distance", 4.0, 0.3, 0.5, -0.2, -0.3, -0.1),
+        ("learners-law", "distance", 4.0, 0.2, 0.5, -0.3, -0.4, -0.2),
+        ("refitted", "free_error", 1.1, 0.1, 0.3, -0.2, -0.3, 0.1),
+        ("weighted-ud", "free_error", 1.1, 0.2, 0.3, -0.1, -0.2, -0.05),
+        ("refitted", "violations_per_1000_steps", 1.1, 1.0, 2.0, -1.0, -2.0, 0.0),
+        ("weighted-ud", "violations_per_1000_steps", 1.1, 3.0, 2.0, 1.0, -2.0, 4.0),
+    ]
+    found = pd.DataFrame(rows, columns=index)
+    told = dict(predicted(found))
+    assert told["refitted is nearest to D"] == {"Δ = 1.1": HOLDS, "Δ = 4": FAILS}
+    assert told["refitted has the smallest error on free states"] == {"Δ = 1.1": OPEN}
+    assert told["learners-law is nearer to D than the data as written"] == {"Δ = 1.1": OPEN, "Δ = 4": HOLDS}
+    assert told["weighted-ud does not help: its error there is larger"] == {"Δ = 1.1": FAILS}
+    assert agreement(found) == (1, 2)
