@@ -11,6 +11,8 @@ from scipy import stats
 
 from srlrepro.dynamics.closed_loop import ClosedLoop, hold_torque
 from srlrepro.samplers import (
+    FORMAT,
+    PARTS,
     MultivariateNormal,
     TrainingData,
     _random_rollouts,
@@ -70,6 +72,12 @@ def test_the_fit_is_unbiased_for_few_states() -> None:
     np.testing.assert_allclose(MultivariateNormal.fit(states).covariance, np.eye(6) * 2 / 11, atol=1e-15)
     with pytest.raises(ValueError, match="states = 6 states: must be at least 7"):
         MultivariateNormal.fit(np.eye(6))
+
+
+@pytest.mark.parametrize(("states", "least"), [(5.0, 2), ([1.0, 2.0], 3), (np.zeros((6, 6)), 7)])
+def test_a_fit_needs_more_states_than_coordinates(states: object, least: int) -> None:
+    with pytest.raises(ParameterError, match=f"at least {least} states"):
+        MultivariateNormal.fit(states)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("k", [2, 3, 7, 10, 99, 100, 1000, 12345])
@@ -157,6 +165,25 @@ def test_the_random_policy_can_have_the_learners_law_and_stop_on_the_ground_alon
     ).all()
 
 
+@pytest.mark.parametrize(("hold", "same"), [(0.018, 0.02), (0.004, 0.01)])
+def test_a_torque_is_held_for_the_nearest_number_of_periods_and_for_one_at_least(
+    hold: float, same: float
+) -> None:
+    few = Config().with_values(random_rollouts=20, random_length=0.2)
+    found, expected = (
+        visited_states(few.with_values(random_hold=value), np.random.default_rng(3)) for value in (hold, same)
+    )
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_on_the_ground_alone_no_coordinate_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel reads as many ranges as a state has coordinates."""
+    given = []
+    monkeypatch.setattr("srlrepro.samplers._random_rollouts", lambda *a: given.append(a[2]) or 0)
+    visited_states(Config().with_values(random_stop="ground", random_rollouts=1), np.random.default_rng(0))
+    assert given[0].tolist() == [inf] * 6
+
+
 @pytest.mark.parametrize("n_ud", [0, 250, 1000])
 def test_density_ratios_turn_training_states_into_the_mnd(n_ud: int, rng: np.random.Generator) -> None:
     """Weighted means over D_n are those of the MND; 1 everywhere for α = 0."""
@@ -241,8 +268,9 @@ def test_the_known_origin_comes_last_and_is_safe(small_config: Config) -> None:
     np.testing.assert_array_equal(z, data.z)
 
 
-def test_saved_data_come_back(small_config: Config, tmp_path: Path) -> None:
-    data = generate(1 / 3, small_config, seed=0)
+@pytest.mark.parametrize("alpha", [0.0, 1 / 3, 1.0])
+def test_saved_data_come_back(small_config: Config, tmp_path: Path, alpha: float) -> None:
+    data = generate(alpha, small_config, seed=0)
     data.save(tmp_path / "data.npz")
     back = TrainingData.load(tmp_path / "data.npz")
     for name in ("x", "z", "n_ud"):
@@ -252,3 +280,29 @@ def test_saved_data_come_back(small_config: Config, tmp_path: Path) -> None:
     write_arrays(tmp_path / "other.npz", "another-format", x=data.x)
     with pytest.raises(ResultError, match=r"other\.npz"):
         TrainingData.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"z": np.ones(3, np.int64)},
+        {"z": np.full(4, 2)},
+        {"n_ud": np.int64(5)},
+        {"n_ud": np.int64(-1)},
+        {"mean": np.full(6, nan)},
+        {"mean": np.zeros(5)},
+        {"covariance": np.full((6, 6), inf)},
+        {"x": np.full((4, 6), nan)},
+        {"x": np.zeros((1, 6)), "z": np.ones(1, np.int64), "n_ud": np.int64(0)},
+    ],
+)
+def test_parts_that_do_not_fit_together_are_no_data(change: dict[str, np.ndarray], tmp_path: Path) -> None:
+    """The same parts unchanged are read."""
+    mnd = MultivariateNormal(np.zeros(6), np.eye(6))
+    TrainingData(np.zeros((4, 6)), np.array([0, 1, 1, 0]), 4, mnd).save(path := tmp_path / "data.npz")
+    assert TrainingData.load(path).n_ud == 4
+    with np.load(path) as archive:
+        parts = {name: archive[name] for name in PARTS}
+    write_arrays(path, FORMAT, **parts | change)
+    with pytest.raises(ResultError, match="holds no labelled states"):
+        TrainingData.load(path)
