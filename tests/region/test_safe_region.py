@@ -15,7 +15,7 @@ from srlrepro.dynamics.pendulum import Floats
 from srlrepro.region.mapping import Network, map_states
 from srlrepro.region.safe_region import SafeRegion, learn_region
 from srlrepro.region.safety_map import discretise, kernel_estimate, look_up, query, query_batch
-from srlrepro.samplers import generate, known_states
+from srlrepro.samplers import density_ratios, generate, known_states
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
 from srlrepro.settings.paper import Paper
@@ -255,6 +255,22 @@ def test_learn_takes_every_value_of_the_configuration(small: Learned, small_conf
     paths = ClosedLoop.from_config(small_config).rollout(small[0].x).paths[:, :101:20]
     same = clone(region).fit(small[0].x, small[0].z, paths)
     np.testing.assert_array_equal(same.embedding_, region.embedding_)
+
+
+def test_weights_are_density_ratios_with_a_mean_of_one(
+    small: Learned, small_config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that Γ's prior weighs as much as it does beside evidence without weights."""
+    given: list[Floats | None] = []
+    fit = SafeRegion.fit
+    monkeypatch.setattr(SafeRegion, "fit", lambda *a: (given.append(a[4]), fit(*a))[1])
+    data = replace(small[0], made_of=None)
+    for law in ("none", "density ratio"):
+        learn_region(data, config := small_config.with_values(gamma_weights=law))
+    ratios = density_ratios(data, config, known_states(data, config)[0])
+    unweighted, weights = given
+    assert unweighted is None and weights is not None and weights.mean() == pytest.approx(1)
+    np.testing.assert_allclose(weights * ratios.sum(), ratios * len(ratios), rtol=1e-12)
 
 
 @pytest.mark.parametrize("known_origin", [True, False])
