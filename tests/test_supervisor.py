@@ -16,8 +16,8 @@ from own_controller import UNIT, OwnLQG
 from sklearn.svm import SVC
 
 from srlrepro import ENVIRONMENT
-from srlrepro.dynamics.circle_env import ThreeLinkCircleEnv
-from srlrepro.dynamics.closed_loop import ClosedLoop
+from srlrepro.dynamics.circle_env import TIME_OVER, ThreeLinkCircleEnv
+from srlrepro.dynamics.closed_loop import HIT_GROUND, NOT_RECOVERED, ClosedLoop
 from srlrepro.dynamics.lqg import LQG
 from srlrepro.dynamics.pendulum import Floats
 from srlrepro.dynamics.rendering import PendulumView
@@ -27,7 +27,8 @@ from srlrepro.region.hypothesis import Hypothesis
 from srlrepro.settings.choices import Choices
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
-from srlrepro.supervisor import Supervisor
+from srlrepro.supervisor import NOT_TRIED, Supervisor
+from srlrepro.supervisor import supervise as decide
 
 IDLE = np.zeros(3, np.float32)
 QUIET = {"activated": False, "recovery": "", "recovery_time": 0.0}
@@ -441,6 +442,32 @@ def test_a_state_that_cannot_be_read_is_refused_as_a_trial_starts(read: Callable
     env = Supervisor(cart(), unsafe_at(1), CartLQR(), BALANCED, read)
     with pytest.raises(ParameterError, match=r"^state = .*: must be a function of env that reads its state"):
         env.reset()
+
+
+def test_compiled_code_decides_after_each_period_as_eq_6_does(
+    small: Learned, draw: Callable[..., Floats]
+) -> None:
+    """K runs on the real system where h(x) = 0 and π has not fallen: ends and times of rollouts."""
+    region, task = small[1], ThreeLinkCircleEnv(1.5, config=Config())
+    supervision = Supervisor(task, region, LQG()).arrays
+    x = draw(40)
+    rolled, unsafe = ClosedLoop.from_config(Config(), 1.5).rollout(x), region.predict(x) == 0
+    expected = [
+        (end, round(time / Config().choices.control_period)) if out else (0, 0)
+        for end, time, out in zip(rolled.outcomes, rolled.durations, unsafe, strict=True)
+    ]
+    assert 5 < unsafe.sum() < 35
+    for ended in (0, TIME_OVER):
+        assert [decide(supervision, task.arrays, state, ended) for state in x] == expected
+    for other, ended in (
+        (supervision, HIT_GROUND),
+        (supervision, NOT_RECOVERED),
+        (supervision._replace(active=False), 0),
+    ):
+        assert {decide(other, task.arrays, state, ended) for state in x} == {(0, 0)}
+    without_k = supervision._replace(corrects=False)
+    found = [decide(without_k, task.arrays, state, 0) for state in x]
+    assert found == [(NOT_TRIED, 0) if out else (0, 0) for out in unsafe]
 
 
 def test_only_compiled_parts_go_into_compiled_code(small: Learned) -> None:
