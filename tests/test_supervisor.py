@@ -203,6 +203,13 @@ def test_a_start_predicted_unsafe_is_an_error(supervise: Supervise) -> None:
         supervise(unsafe_at(0)).reset()
 
 
+@pytest.mark.parametrize("label", [0, 2, -1, 0.5])
+def test_only_the_label_1_is_safe(supervise: Supervise, label: float) -> None:
+    region = SimpleNamespace(predict=lambda x: np.array([label]))
+    with pytest.raises(ValueError, match="region: predicts the start of the trial as unsafe"):
+        supervise(region).reset()
+
+
 @pytest.mark.parametrize("delta", [1.1, 4.0])
 def test_behind_the_ideal_hypothesis_k_always_fails(supervise: Supervise, delta: float) -> None:
     """With h = l the first state predicted unsafe is one from which K cannot recover, and none before was."""

@@ -46,6 +46,20 @@ def test_truncated_and_foreign_files_are_refused(small: Learned, tmp_path: Path)
         SafeRegion.load(tmp_path / "absent.npz")
 
 
+@pytest.mark.parametrize(("value", "fits"), [(0.0, True), (1 - 2**-53, True), (1.0, False), (-1e-300, False)])
+def test_gamma_is_a_probability_below_one(small: Learned, tmp_path: Path, value: float, fits: bool) -> None:
+    small[1].save(path := tmp_path / "region.npz")
+    with np.load(path) as archive:
+        stored = {key: part for key, part in archive.items() if key != "format"}
+    stored["array_gamma"][0, 0] = value
+    write_arrays(path, FORMAT, **stored)
+    if fits:
+        assert SafeRegion.load(path).arrays_.gamma[0, 0] == value
+    else:
+        with pytest.raises(ResultError, match="parts do not fit together"):
+            SafeRegion.load(path)
+
+
 SPOILS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
     "an entry too few": (lambda v: v.ndim > 0, lambda v: v[:-1]),
     "a dimension too few": (lambda v: v.ndim > 0, lambda v: v[0]),
