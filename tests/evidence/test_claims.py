@@ -339,6 +339,7 @@ def test_a_number_is_not_a_difference_that_could_be_practically_nothing() -> Non
         (1.4, 0.2, "supports"),
         (1.9, 0.35, "supports"),  # contains 2.314 too, but not 5.806
         (4.0, 0.2, "contradicts"),
+        (0.5, 0.2, "contradicts"),
         (3.0, 2.0, "open"),  # contains all three: it cannot tell them apart
     ],
 )

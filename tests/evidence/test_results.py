@@ -47,6 +47,7 @@ def test_runs_are_a_table_of_counts(write_run: WriteRun, tmp_path: Path) -> None
     assert table["failures"].tolist() == [3, 0] and table["steps"].tolist() == [1000, 1024]
     curves = read_curves(tmp_path, names)
     assert curves[["alpha", "delta", "seed"]].to_numpy().tolist() == [["0.5", 4.0, 1], ["none", 1.1, 0]]
+    assert curves.index.tolist() == [0, 1]  # one below the other, so that a row has one number
 
 
 @pytest.mark.parametrize(
