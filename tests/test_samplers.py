@@ -1,6 +1,7 @@
 """Training data: statistical tests of the distributions, the exact αk split, the set-up's conditions."""
 
 import itertools
+from dataclasses import FrozenInstanceError, fields
 from fractions import Fraction
 from math import inf, nan
 from pathlib import Path
@@ -306,3 +307,9 @@ def test_parts_that_do_not_fit_together_are_no_data(change: dict[str, np.ndarray
     write_arrays(path, FORMAT, **parts | change)
     with pytest.raises(ResultError, match="holds no labelled states"):
         TrainingData.load(path)
+
+
+@pytest.mark.parametrize("kind", [MultivariateNormal, TrainingData])
+def test_data_cannot_change(kind: type) -> None:
+    with pytest.raises(FrozenInstanceError):
+        setattr(object.__new__(kind), fields(kind)[0].name, None)

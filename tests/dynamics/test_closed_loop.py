@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 from itertools import product
 from math import pi
 
@@ -17,6 +17,7 @@ from srlrepro.dynamics.closed_loop import (
     RECOVERED,
     ClosedLoop,
     RecoveryRule,
+    Rollouts,
     _recover_batch,
     hold_torque,
     is_upright,
@@ -24,6 +25,7 @@ from srlrepro.dynamics.closed_loop import (
 )
 from srlrepro.dynamics.lqg import LQG
 from srlrepro.dynamics.pendulum import Floats, Pendulum, derivative
+from srlrepro.dynamics.stepped_loop import StateRule, SteppedLoop
 from srlrepro.settings.config import Config
 from srlrepro.settings.fields import ParameterError
 
@@ -256,3 +258,9 @@ def test_compiled_code_does_what_the_source_says(draw: Draw) -> None:
         ends = [f(coefficients, limits, state, u) for f in (hold_torque, hold_torque.py_func)]
         assert ends[0][1] == ends[1][1]
         np.testing.assert_allclose(ends[0][0], ends[1][0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [Pendulum, LQG, RecoveryRule, ClosedLoop, Rollouts, StateRule, SteppedLoop])
+def test_what_kernels_were_made_of_cannot_change(kind: type) -> None:
+    with pytest.raises(FrozenInstanceError):
+        setattr(object.__new__(kind), fields(kind)[0].name, None)
