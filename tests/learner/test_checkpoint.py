@@ -19,7 +19,7 @@ from srlrepro.learner import recording
 from srlrepro.learner.checkpoint import FORMAT, TRIAL, restore, save
 from srlrepro.learner.recording import TRIAL_COLUMNS
 from srlrepro.learner.training import OF_THE_SITTING, identify, make_env, make_learner
-from srlrepro.storage.files import ResultError, read_arrays
+from srlrepro.storage.files import ResultError, read_arrays, write_arrays
 
 FREE = CASES[0]
 
@@ -106,6 +106,18 @@ def test_a_foreign_checkpoint_is_refused(tmp_path: Path, whole: dict[str, Path])
     for name in ("policy.npz", "policy.zip", "visited.npz", "trials.csv"):
         with pytest.raises(ResultError, match=f"not a {FORMAT} file: delete it"):
             FREE.train(tmp_path, whole[FREE.name] / name)
+
+
+@pytest.mark.parametrize("name", TRIAL)
+def test_a_column_that_is_shorter_than_the_others_is_refused(name: str, tmp_path: Path) -> None:
+    file = interrupt(FREE, tmp_path, 2 * UPDATE + 10)
+    with np.load(file) as archive:
+        stored = {key: part for key, part in archive.items() if key != "format"}
+    column = stored[f"trial.{name}"]
+    assert len(column) > 1
+    write_arrays(file, FORMAT, **stored | {f"trial.{name}": column[:-1]})
+    with pytest.raises(ResultError, match=r"checkpoint\.zip "):
+        FREE.train(tmp_path, file)
 
 
 def parts_of(model: PPO) -> dict[str, Any]:
