@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import nn
 
-from srlrepro.fast_ppo.network import Network, Optimizer, adam, backward, forward, passes, tanh
+from srlrepro.fast_ppo.network import Network, Optimizer, _lambert, adam, backward, forward, passes, tanh
 
 PRECISIONS = pytest.mark.parametrize("kind", [np.float32, np.float64])
 
@@ -42,6 +42,13 @@ def test_tanh_is_tanh(kind: Any) -> None:
     np.testing.assert_allclose(plain, found[:3000], rtol=2 * np.finfo(kind).eps)
 
 
+def test_lamberts_fraction_has_its_odd_numbers() -> None:
+    """Tanh x = x / (1 + x² / (3 + x² / (5 + …))), cut off after one to three levels; highest powers first."""
+    assert _lambert(1) == ((1,), (1,))
+    assert _lambert(2) == ((1,), (np.float32(1 / 3), 1))
+    assert _lambert(3) == ((np.float32(1 / 15), 1), (np.float32(6 / 15), 1))
+
+
 @PRECISIONS
 @pytest.mark.parametrize("batch", [1, 5, 16])
 @pytest.mark.parametrize("widths", [[8, 3], [8, 128, 128, 3], [4, 7, 6, 5, 1]])
@@ -54,6 +61,8 @@ def test_values_and_gradients_are_torchs(
     memory.inputs[0][:], memory.deltas[-1][:] = x.T, slope.T
     forward(network, memory)
     backward(network, memory, gradient)
+    np.testing.assert_array_equal(memory.deltas[-1], slope.T)  # it is the caller's
+    np.testing.assert_array_equal(memory.inputs[0], x.T)
     expected = module(torch.from_numpy(x))
     expected.backward(torch.from_numpy(slope))
     tolerance = {"rtol": 1e-4, "atol": 1e-5} if kind is np.float32 else {"rtol": 1e-11, "atol": 1e-13}
