@@ -376,13 +376,15 @@ class Facts:
         by: Row = {}
         for row in rows:
             by.setdefault((row["delta"], row["variant"]), {})[row["measure"]] = row
-        better = [row for row in rows if row["measure"] == "violations_per_1000_steps"]
+        lower = [row["measure"] for row in rows if row["high"] < 0]
+        higher = [row["measure"] for row in rows if row["low"] > 0]
         return {
             "texts": texts,
             "rows": list(by.items()),
-            "fewer": sum(row["high"] < 0 for row in better),
-            "more": sum(row["low"] > 0 for row in better),
-            "of": len(better),
+            "of": len(by),
+            "nearer": lower.count("distance"),
+            "farther": higher.count("distance"),
+            "fewer": lower.count("violations_per_1000_steps"),
             "agree": shift.agreement(found),
             "predicted": shift.predicted(found),
         }

@@ -41,6 +41,7 @@ LEARNED = (  # measures of the learner beside them
     "activated_share",
 )
 RUN = ["variant", "delta", "dataset"]
+DECIMALS = 4  # of a difference in words
 # By notebook 18, before any run of full length: a variant, and a measure of it against the data as written.
 EXPECTED = (
     (REFITTED, "distance", "below", "least", "is nearest to D"),
@@ -147,7 +148,8 @@ def sentences(found: pd.DataFrame) -> list[str]:
         parts = []
         for row in own.to_dict("records"):
             sign = "more" if row["low"] > 0 else "less" if row["high"] < 0 else "open"
-            interval = f"{row['difference']:+.3g} [{row['low']:.3g}, {row['high']:.3g}]"
+            estimate = round(row["difference"], DECIMALS) + 0.0  # equal means differ by the rounding of sums
+            interval = f"{estimate:+.3g} [{row['low']:.3g}, {row['high']:.3g}]"
             parts.append(f"{str(row['measure']).replace('_', ' ')} {interval}, {sign}")
         said.append(f"{variant} against {AS_WRITTEN}, Δ = {delta:g}: {'; '.join(parts)}.")
     return said
