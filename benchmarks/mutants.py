@@ -88,8 +88,11 @@ ROOMS = {
     "learner": Room("srlrepro/learner", ("tests/learner",)),
     "evidence": Room("replication/evidence", ("tests/evidence",)),
 }
-COLUMNS = ("room", "places", "mutants", "killed", "timeouts", "survived", "seed", "commit", "tool")
-SURVIVORS = ("room", "module", "line", "before", "after", "reason")
+COLUMNS = (
+    *("room", "places", "mutants", "killed_at_first", "killed", "timeouts"),
+    *("survived", "seed", "commit", "tool"),
+)
+SURVIVORS = ("room", "seed", "module", "line", "before", "after", "reason")
 
 
 @dataclass(frozen=True)
@@ -375,6 +378,11 @@ def known(file: Path, mutant: Mutant, commit: str) -> Outcome | None:
     return None
 
 
+def at_first(file: Path, mutant: Mutant) -> str | None:
+    """What became of a mutant when it was tried first, before any test was written for it."""
+    return next((e["outcome"][0] for e in kept(file) if e["mutant"] == asdict(mutant)), None)
+
+
 def run_room(name: str, commit: str, seed: int, number: int | None, place: Path) -> dict[str, Any]:
     """Try the mutants of a room, a line each; the row of the record, with the survivors."""
     checkout, room, results = copy_of(commit, place), ROOMS[name], place / "results.jsonl"
@@ -392,18 +400,22 @@ def run_room(name: str, commit: str, seed: int, number: int | None, place: Path)
                 file.write(json.dumps(entry, ensure_ascii=False) + "\n")
         counts[outcome.what] += 1
         if outcome.what == SURVIVED:
-            survivors.append({"room": name} | {key: getattr(mutant, key) for key in SURVIVORS[1:-1]})
+            survivors.append({"room": name, "seed": seed} | {n: getattr(mutant, n) for n in SURVIVORS[2:-1]})
         said = f"{mutant.module}:{mutant.line}: {mutant.before}  →  {mutant.after}"
         by = f"  by {outcome.by}" if outcome.by else ""
         print(f"{name} {n}/{len(mutants)} {outcome.what} in {outcome.seconds:.0f} s  {said}{by}", flush=True)
     row = {"room": name, "places": found, "mutants": len(mutants), "killed": counts[KILLED]}
+    row |= {"killed_at_first": sum(at_first(results, mutant) != SURVIVED for mutant in mutants)}
     row |= {"timeouts": counts[TIMEOUT], "survived": counts[SURVIVED], "seed": seed}
     row |= {"commit": commit[:10], "tool": f"{TOOL} {version(TOOL)}"}
     return row | {"survivors": survivors}
 
 
 def record(rows: list[dict[str, Any]], folder: Path) -> None:
-    """Put the rows of some rooms into the record; reasons that stand there for a survivor are kept."""
+    """Put the rows of some rooms into the record, in place of those of the same draw.
+
+    Reasons that stand there for a survivor are kept.
+    """
     import pandas as pd
 
     from srlrepro.storage.files import write_table
@@ -418,10 +430,11 @@ def record(rows: list[dict[str, Any]], folder: Path) -> None:
     for (name, new), columns in zip(found.items(), (COLUMNS, SURVIVORS), strict=True):
         path = folder / name
         old = pd.read_csv(path, dtype=str) if path.exists() else pd.DataFrame(columns=[*columns])
-        old = old[~old["room"].isin([row["room"] for row in rows])]
+        drawn = {(row["room"], str(row["seed"])) for row in rows}
+        old = old[[pair not in drawn for pair in zip(old["room"], old["seed"], strict=True)]]
         both = pd.concat([old, pd.DataFrame(new, columns=[*columns]).astype(str)])
-        order = both["room"].map([*ROOMS].index)
-        write_table(path, both.iloc[order.argsort(kind="stable")])
+        both["order"] = both["room"].map([*ROOMS].index)
+        write_table(path, both.sort_values(["seed", "order"], kind="stable")[[*columns]])
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from benchmarks.mutants import (
     SURVIVED,
     Mutant,
     annotations,
+    at_first,
     known,
     modules,
     ordered,
@@ -79,12 +80,13 @@ def test_annotations_are_found() -> None:
     assert sorted(found) == ["float", "int | None", "list[int]", "str"]
 
 
-def test_the_record_keeps_reasons_and_other_rooms(tmp_path: Path) -> None:
-    def row(room: str, *lines: int) -> dict[str, Any]:
+def test_the_record_keeps_reasons_other_rooms_and_other_draws(tmp_path: Path) -> None:
+    def row(room: str, *lines: int, seed: int = 1) -> dict[str, Any]:
+        place = {"room": room, "seed": seed}
         survivors = [
-            {"room": room, "module": "m.py", "line": n, "before": "a", "after": f"b{n % 10}"} for n in lines
+            place | {"module": "m.py", "line": n, "before": "a", "after": f"b{n % 10}"} for n in lines
         ]
-        return {"room": room, "places": 9, "mutants": 5, "survived": len(lines), "survivors": survivors}
+        return place | {"places": 9, "mutants": 5, "survived": len(lines), "survivors": survivors}
 
     record([row("evidence", 3)], tmp_path)
     record([row("settings", 1, 2)], tmp_path)
@@ -96,6 +98,10 @@ def test_the_record_keeps_reasons_and_other_rooms(tmp_path: Path) -> None:
     table = pd.read_csv(path, dtype=str).fillna("")
     assert table["line"].tolist() == ["11", "14", "3"] and table["reason"].tolist() == ["why", "", "so"]
     assert pd.read_csv(tmp_path / "mutants.csv")["room"].tolist() == ["settings", "evidence"]
+    record([row("settings", 21, seed=2)], tmp_path)
+    table = pd.read_csv(path, dtype=str)
+    assert table[["seed", "line"]].to_numpy().tolist() == [["1", "11"], ["1", "14"], ["1", "3"], ["2", "21"]]
+    assert table["reason"].iloc[-1] == "why"
 
 
 def test_what_was_killed_is_known_and_a_survivor_is_tried_by_the_tests_of_another_commit(
@@ -113,3 +119,8 @@ def test_what_was_killed_is_known_and_a_survivor_is_tried_by_the_tests_of_anothe
         [KILLED, SURVIVED, None],
         [KILLED, None, None],
     ]
+    assert [at_first(file, mutant) for mutant in mutants] == [KILLED, SURVIVED, None]
+    again = {"mutant": asdict(mutants[1]), "commit": "second", "outcome": [KILLED, "a test", 1.0]}
+    file.write_text(file.read_text() + json.dumps(again) + "\n")
+    found = known(file, mutants[1], "second")
+    assert found is not None and found.what == KILLED and at_first(file, mutants[1]) == SURVIVED

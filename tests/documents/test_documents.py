@@ -164,7 +164,9 @@ def test_what_the_studies_say_stands_in_report_and_readme(larger: Path) -> None:
     assert counts in readme and counts.replace(" an SVM", " and an SVM") in report
     assert "| 4 | learners-law | **-0.2** | **-0.2** | – | – | **-0.2** | – |" in report
     assert "| 4 | refitted | -0.2 | -0.2 |" in report
-    assert "in 4 of 4 cases. Predicted" in report and "nearer in 2 of 4 cases; fewer violations in 2." in readme
+    assert (
+        "in 4 of 4 cases. Predicted" in report and "nearer in 2 of 4 cases; fewer violations in 2." in readme
+    )
 
 
 def test_every_part_that_was_not_run_says_so(larger: Path) -> None:
