@@ -156,7 +156,7 @@ def test_what_the_studies_say_stands_in_report_and_readme(larger: Path) -> None:
     report, readme = render("REPORT.md", larger), render("README.md", larger)
     assert "| log odds that K succeeds | 60 [20, 90] % | 60 [20, 90] % | 60 [20, 90] % |" in report
     assert "more than half for the log odds that K succeeds (α = 0: *open*, α = 0.5: *open*)" in report
-    assert "- **The draw of the data** is 60 to 60 % of the variance" in readme
+    assert "- **The draw of the data** is an estimated 60 to 60 % of the variance" in readme
     assert "| 1.1 | SVM, whole state | 0.25 | 0.25 |" in report
     nothing = "| 4 | α = 0.5 |" + " -0.80 [-0.90, -0.70] practically nothing |" * 3
     assert nothing in report and "the SVM has fewer violations than the region (Δ = 1.1: *holds*" in report
