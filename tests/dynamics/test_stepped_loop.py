@@ -91,3 +91,11 @@ def test_parts_of_another_kind_are_refused(name: str, value: Any) -> None:
     parts = {"env": hanging().env, "controller": Brake(), "rule": hanging().rule, name: value}
     with pytest.raises(ParameterError, match=f"^{name} = .*: must be "):
         SteppedLoop(**parts)
+
+
+@pytest.mark.parametrize("found", ["words", ["a"], None, [], 1.0, [[1.0, 2.0]], [[1.0], [2.0, 3.0]]])
+def test_what_is_no_state_is_refused_as_it_is_read(found: Any) -> None:
+    loop = hanging()
+    reading = SteppedLoop(loop.env, loop.controller, loop.rule, state=lambda env: found)
+    with pytest.raises(ParameterError, match=r"^state = .*: must be a function of env that reads its state"):
+        reading.read()
