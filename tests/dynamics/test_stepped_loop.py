@@ -99,3 +99,11 @@ def test_what_is_no_state_is_refused_as_it_is_read(found: Any) -> None:
     reading = SteppedLoop(loop.env, loop.controller, loop.rule, state=lambda env: found)
     with pytest.raises(ParameterError, match=r"^state = .*: must be a function of env that reads its state"):
         reading.read()
+
+
+def test_without_a_period_times_are_numbers_of_steps() -> None:
+    loop, start = hanging(), np.array([np.pi, 1.0])
+    rule = StateRule(loop.rule.recovered, loop.rule.failed, loop.rule.periods)
+    (steps,) = SteppedLoop(loop.env, loop.controller, rule).rollout(start, record=False).durations
+    (seconds,) = loop.rollout(start, record=False).durations
+    assert steps == round(seconds / loop.rule.control_period) > 1

@@ -108,6 +108,26 @@ def test_a_foreign_checkpoint_is_refused(tmp_path: Path, whole: dict[str, Path])
             FREE.train(tmp_path, whole[FREE.name] / name)
 
 
+@pytest.mark.parametrize(
+    ("entry", "value", "fits"),
+    [(2, 624, True), (2, 625, False), (2, -1, False), (3, 2, False), (3, -1, False), (0, UPDATE + 1, False)],
+)
+def test_counts_that_no_generator_has_are_refused(entry: int, value: int, fits: bool, tmp_path: Path) -> None:
+    """counts: steps, period, the place in numpy's 624 numbers, and whether it keeps a normal one."""
+    file = interrupt(FREE, tmp_path, UPDATE + 10)
+    with np.load(file) as archive:
+        stored = {key: part.copy() for key, part in archive.items() if key != "format"}
+    stored["counts"][entry] = value
+    write_arrays(file, FORMAT, **stored)
+    fresh = make_learner(make_env(FREE.run, FREE.config, FREE.region), FREE.config, FREE.run.seed)
+    identity = identify(FREE.run, FREE.config, FREE.region)
+    if fits:
+        restore(file, fresh, identity, FREE.run.steps)
+    else:
+        with pytest.raises(ResultError, match=r"checkpoint\.zip "):
+            restore(file, fresh, identity, FREE.run.steps)
+
+
 @pytest.mark.parametrize("name", TRIAL)
 def test_a_column_that_is_shorter_than_the_others_is_refused(name: str, tmp_path: Path) -> None:
     file = interrupt(FREE, tmp_path, 2 * UPDATE + 10)

@@ -33,6 +33,11 @@ def test_a_saved_region_predicts_the_same(small: Learned, draw: Draw, tmp_path: 
         np.testing.assert_array_equal(getattr(back, name), getattr(region, name))
 
 
+def test_a_region_is_shown_as_scikit_learn_shows_it() -> None:
+    """By the parameters that differ from the defaults."""
+    assert repr(SafeRegion(p_t=0.6, psi="neighbours")) == "SafeRegion(p_t=0.6, psi='neighbours')"
+
+
 def test_truncated_and_foreign_files_are_refused(small: Learned, tmp_path: Path) -> None:
     path = tmp_path / "region.npz"
     small[1].save(path)
