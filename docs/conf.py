@@ -35,10 +35,8 @@ from sphinx.util.logging import getLogger
 from srlrepro import PUBLIC
 
 ROOT = Path(__file__).resolve().parents[1]
-GROUPS = (  # results that the site shows, if they are there
-    *("full", "seeds_10", "multiverse"),
-    *("crossed", "caution", "shift", "joints"),
-)
+# Results that the site shows, if they are there.
+GROUPS = ("full", "seeds_10", "multiverse", "crossed", "caution", "shift", "joints")
 EXECUTED = "notebooks/executed"
 TAGS = nh3.ALLOWED_TAGS - {"a", "area", "img", "map"}  # of a notebook's HTML: nothing that leads elsewhere
 DIRECTIVE = re.compile(r"((?:`{3,}|~{3,})[^\S\n]*)\{")  # could include any file, or send the reader elsewhere

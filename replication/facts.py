@@ -29,6 +29,7 @@ from replication.evidence.verdicts import (
     rows,
 )
 from replication.studies import caution, crossed, multiverse, shift
+from replication.studies.designs import THRESHOLDS
 from replication.studies.discrepancy import KINDS
 from replication.studies.joints import training
 from replication.studies.joints.answer import sentence
@@ -354,9 +355,10 @@ class Facts:
             "recall": recall,
             "alphas": list(rates),
             "rates": [(place, row.tolist()) for place, row in rates.iterrows()],
-            "units": [unit for unit, _ in caution.OUTCOMES.values()],
+            "thresholds": (min(THRESHOLDS), max(THRESHOLDS)),
+            "units": {name: unit for name, (unit, _) in caution.OUTCOMES.items()},
             "effects": [
-                (place, own.to_dict("records"))
+                (place, {row["outcome"]: row for row in own.to_dict("records")})
                 for place, own in known.groupby(["delta", "effect"], sort=False)
             ],
             "matters": {name: int((own["state"] == "matters").sum()) for name, own in groups.items()},
@@ -375,6 +377,7 @@ class Facts:
         }
         by: Row = {}
         for row in rows:
+            row["difference"] = round(row["difference"], shift.DECIMALS) + 0.0
             by.setdefault((row["delta"], row["variant"]), {})[row["measure"]] = row
         lower = [row["measure"] for row in rows if row["high"] < 0]
         higher = [row["measure"] for row in rows if row["low"] > 0]
@@ -425,7 +428,7 @@ class Facts:
             "ratio": (smallest["bound"] / smallest["error"]).agg(["min", "median", "max"]),
             "shares": parts.to_dict(),
             "classes": [
-                {"class": name, "of": len(part), "low": part["bound"].min(), "high": part["bound"].max()}
+                {"class": name, "of": len(part)}
                 | {"vacuous": int((part["bound"] >= 1).sum())}
                 | {"fails": [int((part[bound] < 0).sum()) for bound in BOUNDS]}
                 for name, part in single.groupby("class", sort=False)

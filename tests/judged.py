@@ -90,6 +90,7 @@ def write_studies(figures: Path) -> None:
     kinds = itertools.product((1.1, 4.0), ("log_violations", "success_log_odds", "policy_alone_share"))
     states = {"caution": "", "0.5": "practically nothing", "1": "open", "svm": "matters"}
     found = [(*place, e, 3, -0.8, -0.9, -0.7, s) for place in kinds for e, s in states.items()]
+    found.remove((1.1, "success_log_odds", "0.5", 3, -0.8, -0.9, -0.7, states["0.5"]))  # where none overlap
     columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
     write_table(figures / "caution" / "caution_effects.csv", pd.DataFrame(found, columns=columns))
     names = ("distance", "free_error", "violations_per_1000_steps")

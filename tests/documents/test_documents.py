@@ -159,6 +159,7 @@ def test_what_the_studies_say_stands_in_report_and_readme(larger: Path) -> None:
     assert "- **The draw of the data** is an estimated 60 to 60 % of the variance" in readme
     assert "| 1.1 | SVM, whole state | 0.25 | 0.25 |" in report
     nothing = "| 4 | α = 0.5 |" + " -0.80 [-0.90, -0.70] practically nothing |" * 3
+    assert "| 1.1 | α = 0.5 | -0.80 [-0.90, -0.70] practically nothing | – | -0.80" in report
     assert nothing in report and "the SVM has fewer violations than the region (Δ = 1.1: *holds*" in report
     counts = "in 0 of 4 comparisons, an SVM of the whole state in 2 of 2."
     assert counts in readme and counts.replace(" an SVM", " and an SVM") in report
