@@ -324,11 +324,13 @@ class Facts:
         return {"rise": [kind for kind in KINDS if by_delta[kind].is_monotonic_increasing], "alpha": chosen}
 
     def crossed(self) -> Row:
-        """The dataset's share of the variance of each measure, by α, and how predictions came out."""
+        """The dataset's share of the variance of each measure, by α, at which Δ, and how predictions came out."""
         columns = ("measure", "alpha", "datasets", "learners", "share", "low", "high")
         found = read_table(self.figures / "crossed" / "crossed_components.csv", columns, text=("alpha",))
         by = {name: found[found["measure"] == name] for name in crossed.JUDGED}
+        deltas = read_table(self.figures / "crossed" / "measures.csv", ("delta",))["delta"].dropna().unique()
         return {
+            "delta": " and ".join(f"{delta:g}" for delta in sorted(deltas)),
             "alphas": list(found["alpha"].unique()),
             "shares": {
                 " ".join(crossed.JUDGED[name].split()): own.to_dict("records") for name, own in by.items()
