@@ -324,7 +324,7 @@ class Facts:
         return {"rise": [kind for kind in KINDS if by_delta[kind].is_monotonic_increasing], "alpha": chosen}
 
     def crossed(self) -> Row:
-        """The dataset's share of the variance of each measure, by α, at which Δ, and how predictions came out."""
+        """The dataset's share of the variance of each measure by α, its Δ, and how predictions came out."""
         columns = ("measure", "alpha", "datasets", "learners", "share", "low", "high")
         found = read_table(self.figures / "crossed" / "crossed_components.csv", columns, text=("alpha",))
         by = {name: found[found["measure"] == name] for name in crossed.JUDGED}
@@ -346,10 +346,10 @@ class Facts:
         equal = read_table(folder / "caution_recall.csv", columns, text=("alpha",))
         columns = ("delta", "outcome", "effect", "estimate", "low", "high")
         found = read_table(folder / "caution_effects.csv", columns, text=("effect", "state"))
-        known = found[found["effect"] != caution.SLOPE]
-        violations = known[known["outcome"] == "log_violations"]
+        violations = found[(found["outcome"] == "log_violations") & (found["effect"] != caution.SLOPE)]
         is_svm = violations["effect"] == caution.SVM
         groups = {"svm": violations[is_svm], "alpha": violations[~is_svm]}
+        slopes = found[(found["outcome"] == "success_log_odds") & (found["effect"] == caution.SLOPE)]
         recall = max(caution.RECALLS)
         kept = equal[equal["recall"] == recall]
         rates = kept.pivot_table("false_positives", ["delta", "hypothesis"], "alpha", sort=False)
@@ -358,13 +358,11 @@ class Facts:
             "alphas": list(rates),
             "rates": [(place, row.tolist()) for place, row in rates.iterrows()],
             "thresholds": (min(THRESHOLDS), max(THRESHOLDS)),
-            "units": {name: unit for name, (unit, _) in caution.OUTCOMES.items()},
-            "effects": [
-                (place, {row["outcome"]: row for row in own.to_dict("records")})
-                for place, own in known.groupby(["delta", "effect"], sort=False)
-            ],
-            "matters": {name: int((own["state"] == "matters").sum()) for name, own in groups.items()},
-            "of": {name: len(own) for name, own in groups.items()},
+            "counts": {
+                name: {"of": len(own)} | {s: int((own["state"] == s).sum()) for s in caution.STATES}
+                for name, own in groups.items()
+            },
+            "slopes": slopes.to_dict("records"),
             "predicted": caution.predicted(equal, found),
         }
 

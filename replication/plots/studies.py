@@ -20,6 +20,8 @@ PARTS = {"dataset": INK, "learner": GUIDE, "residual": GRID}  # of the variance
 KINDS = {"tsne": "the paper's region", "svm": "SVM of the whole state"}
 BESIDE_BAR = 0.42  # from the middle of a bar to its interval
 CAUTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0)  # that an axis names
+FEW_UNSAFE = 0.01  # share of the unsafe states that are accepted, above which an axis is logarithmic
+FALSE_POSITIVES = (0.0, FEW_UNSAFE, 0.1, 1.0)  # that it names
 SPREAD = 0.22  # between α's or Δ's side by side, in units of the axis
 
 
@@ -59,22 +61,22 @@ def plot_crossed(measures: pd.DataFrame, components: pd.DataFrame) -> Figure:
 
 
 def plot_roc(curves: pd.DataFrame) -> Figure:
-    """Recall against false positives, by Δ and hypothesis: a line per α and dataset, marked at THRESHOLDS."""
+    """Recall against false positives, by Δ and hypothesis: a line per α and dataset, marked at THRESHOLDS.
+
+    The axis of the false positives is linear up to `FEW_UNSAFE`, and logarithmic from there.
+    """
     figure, axes = _by_kind(curves["delta"].unique())
     for ax, own in _panels(axes, curves):
         for (alpha, _), line in own.groupby(["alpha", "dataset"], sort=False):
             ax.plot(line["false_positives"], line["true_positives"], color=color(str(alpha)), linewidth=0.9)
             marked = line[line["p_t"].isin(THRESHOLDS)]
-            ax.plot(
-                marked["false_positives"],
-                marked["true_positives"],
-                ".",
-                color=color(str(alpha)),
-                markersize=4,
-            )
+            look: dict[str, Any] = {"marker": MARKERS.get(str(alpha), "."), "color": color(str(alpha))}
+            ax.plot(marked["false_positives"], marked["true_positives"], ls="none", markersize=3, **look)
         for recall in caution.RECALLS:
             ax.axhline(recall, color=GUIDE, linewidth=0.6, linestyle=":")
+        ax.set_xscale("symlog", linthresh=FEW_UNSAFE)
         ax.set(xlim=(0, 1), ylim=(0, 1))
+        ax.set_xticks(FALSE_POSITIVES, [f"{x:g}" for x in FALSE_POSITIVES])
     _name(axes, "false positives,\nshare of the unsafe states", "recall,\nshare of the safe states")
     _legend(figure, curves["alpha"].unique())
     return figure
@@ -83,7 +85,8 @@ def plot_roc(curves: pd.DataFrame) -> Figure:
 def plot_frontier(runs: pd.DataFrame) -> Figure:
     """Return of the policy alone against violations, by Δ and hypothesis; a line per α over p_t.
 
-    A small mark is a learner, a large one the mean over datasets, with its p_t; runs: of `caution.learners`.
+    A small mark is a learner, a large one the mean over datasets; the ends of a line tell their p_t.
+    runs: of `caution.learners`.
     """
     figure, axes = _by_kind(runs["delta"].unique())
     shown = runs.assign(count=np.exp(runs["log_violations"]))
@@ -94,8 +97,8 @@ def plot_frontier(runs: pd.DataFrame) -> Figure:
             means = part.groupby("p_t")[["log_violations", "policy_alone_share"]].mean()
             x, y = np.exp(means["log_violations"]), means["policy_alone_share"]
             ax.plot(x, y, markersize=6, linewidth=1, **look)
-            for p_t, place in zip(means.index, zip(x, y, strict=True), strict=True):
-                ax.annotate(f"{p_t:g}", place, (3, 4), textcoords="offset points", fontsize=6)
+            for end in (means.index[0], means.index[-1]):
+                ax.annotate(f"{end:g}", (x[end], y[end]), (3, 4), textcoords="offset points", fontsize=6)
         ax.set(xscale="log", ylim=(-0.05, 1.05))
     _name(axes, "violations in the training, and ½", "final policy alone,\nshare of a perfect return")
     _legend(figure, runs["alpha"].unique())
@@ -135,7 +138,7 @@ def plot_caution(runs: pd.DataFrame) -> Figure:
 
 
 def plot_effects(found: pd.DataFrame) -> Figure:
-    """What α, and the whole state, do at equal caution; grey: too little to matter.
+    """What α, and the whole state, do at equal caution; an interval within the grey is practically nothing.
 
     found: as of `caution.effects`.
     """
@@ -158,7 +161,7 @@ def plot_effects(found: pd.DataFrame) -> Figure:
                 markersize=4,
                 label=rf"$\Delta = {delta:g}$",
             )
-        ax.set(xlabel=text.replace(", ", ",\n"), title=f"from {bound:.2g} on it matters")
+        ax.set(xlabel=text.replace(", ", ",\n"), title=rf"grey: within $\pm${bound:.2g}")
     axes[0, 0].set_yticks(range(len(names)), [KINDS.get(n, rf"$\alpha = {n}$ against 0") for n in names])
     axes[0, 0].invert_yaxis()
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(deltas))

@@ -48,7 +48,7 @@ OUTCOMES = {  # of learners: their unit, and from which effect on one matters
     "policy_alone_share": ("policy alone, share of a perfect return", 0.1),
 }
 SLOPE, SVM = "caution", "svm"  # names of the effects b and γ; that of α has its text
-NOTHING = "practically nothing"
+STATES = MATTERS, NOTHING, OPEN = "matters", "practically nothing", "open"  # of the others
 LEAST = 0.5  # of a violation, added where there may be none
 
 
@@ -177,7 +177,7 @@ def judge(low: float, high: float, bound: float) -> str:
     dataset."""
     if -bound < low and high < bound:
         return NOTHING
-    return "matters" if low > 0 or high < 0 else "open"
+    return MATTERS if low > 0 or high < 0 else OPEN
 
 
 def sentences(equal: pd.DataFrame, found: pd.DataFrame) -> list[str]:
@@ -187,15 +187,15 @@ def sentences(equal: pd.DataFrame, found: pd.DataFrame) -> list[str]:
     means = rates["false_positives"].mean().reset_index()
     for (delta, kind), own in means.groupby(["delta", "hypothesis"]):
         rows = own.to_dict("records")
-        part = ", ".join(f"{row['false_positives']:.2f} at α = {row['alpha']}" for row in rows)
+        part = ", ".join(f"{row['false_positives']:.3f} at α = {row['alpha']}" for row in rows)
         said.append(f"Δ = {delta:g}: at a recall of {recall:g}, {kind} accepts {part} of the unsafe states.")
-    for (delta, outcome), own in found[found["effect"] != SLOPE].groupby(["delta", "outcome"], sort=False):
+    for (delta, outcome), own in found.groupby(["delta", "outcome"], sort=False):
         parts = []
         for row in own.to_dict("records"):
-            name = "SVM" if row["effect"] == SVM else f"α = {row['effect']}"
+            name = {SVM: "SVM", SLOPE: "e times the caution"}.get(row["effect"], f"α = {row['effect']}")
             interval = f"{row['estimate']:+.2f} [{row['low']:.2f}, {row['high']:.2f}]"
-            parts.append(f"{name} {interval}, {row['state']}")
-        said.append(f"Δ = {delta:g}: at equal caution, {OUTCOMES[str(outcome)][0]}: {'; '.join(parts)}.")
+            parts.append(f"{name} {interval}" + (f", {row['state']}" if row["state"] else ""))
+        said.append(f"Δ = {delta:g}: in the fit of the {OUTCOMES[str(outcome)][0]}: {'; '.join(parts)}.")
     return said
 
 

@@ -139,9 +139,10 @@ def test_the_answer_tells_every_effect() -> None:
     every = product(("tsne", "svm"), ("0", "1"), (1.1, 4.0), (0,), RECALLS, (0.25,))
     equal = pd.DataFrame(every, columns=[*CELL, "recall", "false_positives"])
     said = sentences(equal, effects(cells()))
-    rates = "0.25 at α = 0, 0.25 at α = 1"
+    rates = "0.250 at α = 0, 0.250 at α = 1"
     assert said[1] == f"Δ = 1.1: at a recall of 0.8, tsne accepts {rates} of the unsafe states."
-    assert len(said) == 4 + 6 and "α = 1 +0.70 [0.70, 0.70], matters; SVM +0.30 [0.30, 0.30]" in said[4]
+    assert len(said) == 4 + 6 and "e times the caution -1.00 [-1.00, -1.00]; α" in said[4]
+    assert "α = 1 +0.70 [0.70, 0.70], matters; SVM +0.30 [0.30, 0.30]" in said[4]
 
 
 def rates(region: float, of_alpha: float, svm: float, spread: float = 0.0) -> pd.DataFrame:
