@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from replication.digests import SET, read_set
@@ -341,7 +342,7 @@ class Facts:
 
     def caution(self) -> Row:
         """What α and all dimensions do at equal recall and at equal caution, and how predictions came out."""
-        folder = self.figures / "caution"
+        folder, ends = self.figures / "caution", (min(THRESHOLDS), max(THRESHOLDS))
         columns = ("hypothesis", "alpha", "delta", "dataset", "recall", "false_positives")
         equal = read_table(folder / "caution_recall.csv", columns, text=("alpha",))
         columns = ("delta", "outcome", "effect", "estimate", "low", "high")
@@ -349,7 +350,11 @@ class Facts:
         violations = found[(found["outcome"] == "log_violations") & (found["effect"] != caution.SLOPE)]
         is_svm = violations["effect"] == caution.SVM
         groups = {"svm": violations[is_svm], "alpha": violations[~is_svm]}
-        slopes = found[(found["outcome"] == "success_log_odds") & (found["effect"] == caution.SLOPE)]
+        columns = ("hypothesis", "p_t", "delta", "log_violations")
+        runs = read_table(folder / "caution_frontier.csv", columns)
+        runs = runs[runs["hypothesis"] == Choices.hypothesis]
+        medians = runs.pivot_table("log_violations", "delta", "p_t", aggfunc="median")[[*ends]]
+        counts = np.exp(medians.to_numpy()) - caution.LEAST
         recall = max(caution.RECALLS)
         kept = equal[equal["recall"] == recall]
         rates = kept.pivot_table("false_positives", ["delta", "hypothesis"], "alpha", sort=False)
@@ -357,12 +362,12 @@ class Facts:
             "recall": recall,
             "alphas": list(rates),
             "rates": [(place, row.tolist()) for place, row in rates.iterrows()],
-            "thresholds": (min(THRESHOLDS), max(THRESHOLDS)),
+            "thresholds": ends,
+            "violations": [(delta, *row) for delta, row in zip(medians.index, counts, strict=True)],
             "counts": {
                 name: {"of": len(own)} | {s: int((own["state"] == s).sum()) for s in caution.STATES}
                 for name, own in groups.items()
             },
-            "slopes": slopes.to_dict("records"),
             "predicted": caution.predicted(equal, found),
         }
 

@@ -3,6 +3,7 @@
 import itertools
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from scipy.special import logit
 
@@ -93,6 +94,10 @@ def write_studies(figures: Path) -> None:
     found.remove((1.1, "success_log_odds", "0.5", 3, -0.8, -0.9, -0.7, states["0.5"]))  # where none overlap
     columns = ["delta", "outcome", "effect", "datasets", "estimate", "low", "high", "state"]
     write_table(figures / "caution" / "caution_effects.csv", pd.DataFrame(found, columns=columns))
+    rows = itertools.product(("tsne", "svm"), (0.5, 0.8, 0.95), (1.1, 4.0), range(3))
+    trained = pd.DataFrame(rows, columns=["hypothesis", "p_t", "delta", "dataset"])
+    trained["log_violations"] = np.log(10 * trained["delta"] / trained["p_t"] + 0.5)
+    write_table(figures / "caution" / "caution_frontier.csv", trained)
     names = ("distance", "free_error", "violations_per_1000_steps")
     moved = [
         (name, delta, variant, 5, 0.1, 0.3, -0.2, -0.3, 0.1 if variant == "refitted" else -0.1)
