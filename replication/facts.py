@@ -350,8 +350,7 @@ class Facts:
         violations = found[(found["outcome"] == "log_violations") & (found["effect"] != caution.SLOPE)]
         is_svm = violations["effect"] == caution.SVM
         groups = {"svm": violations[is_svm], "alpha": violations[~is_svm]}
-        columns = ("hypothesis", "p_t", "delta", "log_violations")
-        runs = read_table(folder / "caution_frontier.csv", columns)
+        runs = read_table(folder / "caution_frontier.csv", ("hypothesis", "p_t", "delta", "log_violations"))
         runs = runs[runs["hypothesis"] == Choices.hypothesis]
         medians = runs.pivot_table("log_violations", "delta", "p_t", aggfunc="median")[[*ends]]
         counts = np.exp(medians.to_numpy()) - caution.LEAST
