@@ -379,16 +379,17 @@ class Facts:
             name: " ".join(text.replace("\\mathcal{D}", "D").replace("$", "").split())
             for name, text in shift.SHOWN.items()
         }
-        by: Row = {}
+        sure: Row = {}
         for row in rows:
             row["difference"] = round(row["difference"], shift.DECIMALS) + 0.0
-            by.setdefault((row["delta"], row["variant"]), {})[row["measure"]] = row
+            if row["low"] > 0 or row["high"] < 0:
+                sure.setdefault(texts[row["measure"]], []).append(row)
         lower = [row["measure"] for row in rows if row["high"] < 0]
         higher = [row["measure"] for row in rows if row["low"] > 0]
         return {
-            "texts": texts,
-            "rows": list(by.items()),
-            "of": len(by),
+            "differences": len(rows),
+            "sure": sure,
+            "of": len({(row["delta"], row["variant"]) for row in rows}),
             "nearer": lower.count("distance"),
             "farther": higher.count("distance"),
             "fewer": lower.count("violations_per_1000_steps"),

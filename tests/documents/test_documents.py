@@ -165,8 +165,8 @@ def test_what_the_studies_say_stands_in_report_and_readme(larger: Path) -> None:
         "0 of 4 effects of α on violations matter (2 open), 2 of 2 of an SVM of the whole state (0 open)."
     )
     assert counts in readme and counts in report
-    assert "| 4 | learners-law | **-0.2** | **-0.2** | – | – | **-0.2** | – |" in report
-    assert "| 4 | refitted | -0.2 | -0.2 |" in report
+    assert "Of 12 differences from the data as written (α = 0),\n6 leave out 0" in report
+    assert "violations per 1000 steps: learners-law -0.2 (Δ = 1.1), learners-law -0.2 (Δ = 4).\n" in report
     assert (
         "in 4 of 4 cases. Predicted" in report and "nearer in 2 of 4 cases; fewer violations in 2." in readme
     )
