@@ -211,6 +211,22 @@ def test_every_set_has_its_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert len(caution) == 186 and numbers == {"calibrated": 90, "crossed": 48, "shift": 50}
 
 
+def test_a_universe_has_a_place_in_the_curves_that_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A claim that is the same in all universes has none."""
+    committed = pd.read_csv(ROOT / "figures" / "multiverse" / "outcomes.csv")
+    own = committed.loc[committed["id"] == "default", ["id", "claim", "value", "margin", "holds", "why"]]
+    own["holds"] = own["holds"].map({"True": True, "False": False, True: True, False: False})
+    for name in ("read_measures", "read_table"):
+        monkeypatch.setattr(verify, name, lambda *_: pd.DataFrame())
+    monkeypatch.setattr(verify.multiverse, "outcomes", lambda *_: own)
+    found = verify.cells_of(planned("--multiverse"))["default"].found(tmp_path)
+    names = [table.name for table in found]
+    drawn = {path.stem for path in (ROOT / "figures" / "multiverse").glob("spec_curve_*.csv")}
+    assert names[0] == "outcomes" and {*names[1:]} == drawn and len(drawn) < len(own)
+
+
 @pytest.mark.slow
 def test_a_run_is_made_anew_and_is_the_same(tmp_path: Path) -> None:
     """By the driver in a checkout whose compiled code the copies share; first so that there is a set."""
