@@ -13,6 +13,7 @@ from replication.digests import SET, read_set
 from replication.evidence.claims import LAYERS, MEASURE_COLUMNS, RATES, VERDICTS, load_claims
 from replication.evidence.measures import TEST_STATES, read_measures
 from replication.evidence.predictions import FAILS, HOLDS, OPEN
+from replication.evidence.statistics import LEVEL
 from replication.evidence.verdicts import (
     AS_WRITTEN,
     CALIBRATED,
@@ -388,6 +389,7 @@ class Facts:
         higher = [row["measure"] for row in rows if row["low"] > 0]
         return {
             "differences": len(rows),
+            "by_chance": (1 - LEVEL) * len(rows),
             "sure": sure,
             "of": len({(row["delta"], row["variant"]) for row in rows}),
             "nearer": lower.count("distance"),

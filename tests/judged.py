@@ -96,7 +96,9 @@ def write_studies(figures: Path) -> None:
     write_table(figures / "caution" / "caution_effects.csv", pd.DataFrame(found, columns=columns))
     rows = itertools.product(("tsne", "svm"), (0.5, 0.8, 0.95), (1.1, 4.0), range(3))
     trained = pd.DataFrame(rows, columns=["hypothesis", "p_t", "delta", "dataset"])
-    trained["log_violations"] = np.log(10 * trained["delta"] / trained["p_t"] + 0.5)
+    trained["log_violations"] = np.log(
+        10 * trained["delta"] / trained["p_t"] * trained["hypothesis"].map({"tsne": 1, "svm": 5}) + 0.5
+    )
     write_table(figures / "caution" / "caution_frontier.csv", trained)
     names = ("distance", "free_error", "violations_per_1000_steps")
     moved = [

@@ -105,12 +105,12 @@ def _of_universe(config: Plan, name: str) -> Cell:
         claims, universes = load_claims(), multiverse.design(multiverse.load_choices()).loc[[name]]
         results = multiverse.outcomes(claims, measures, met, GRID | {"delta": config["deltas"]})
         yield Found("outcomes", results.join(universes, on="id"), 4, ("id",))
-        for (
-            claim
-        ) in claims:  # one that is the same in every universe has no curve; digests tell of a lost one
-            curve = curve_table(claim, results, universes)
-            if len(curve) and (ROOT / "figures" / config["name"] / f"spec_curve_{claim.id}.csv").exists():
-                yield Found(f"spec_curve_{claim.id}", curve, group=("id",))
+        drawn = {path.stem for path in (ROOT / "figures" / config["name"]).glob("spec_curve_*.csv")}
+        for claim in claims:
+            curve, stem = curve_table(claim, results, universes), f"spec_curve_{claim.id}"
+            # A claim that is the same in every universe has no curve; digests tell of one that is lost.
+            if len(curve) and stem in drawn:
+                yield Found(stem, curve, group=("id",))
 
     return Cell([f"{folder}/measures.csv"], found, {})
 

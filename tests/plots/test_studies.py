@@ -61,9 +61,8 @@ def test_each_hypothesis_and_mismatch_has_a_panel_with_its_learners_and_their_me
     assert len(figure.axes) == len(HYPOTHESES) * len(DELTAS)
     for ax in figure.axes:
         assert drawn(ax, "o") == drawn(ax, "^") == 3 * len(THRESHOLDS) + len(THRESHOLDS)
-        assert [text.get_text() for text in ax.texts] == 2 * [
-            f"{p_t:g}" for p_t in (THRESHOLDS[0], THRESHOLDS[-1])
-        ]
+        told = [text.get_text() for text in ax.texts]
+        assert told == 2 * [f"{p_t:g}" for p_t in (THRESHOLDS[0], THRESHOLDS[-1])]
 
 
 def test_curves_are_marked_at_the_trained_thresholds() -> None:
@@ -72,6 +71,7 @@ def test_curves_are_marked_at_the_trained_thresholds() -> None:
     curves["true_positives"] = curves["false_positives"] = 1 - curves["p_t"]
     for ax in plot_roc(curves).axes:
         assert drawn(ax, ".") == drawn(ax, "o") == 2 * len(THRESHOLDS)
+        assert ax.get_xscale() == "symlog" and ax.get_xlim() == (0, 1)
 
 
 def test_outcomes_and_effects_stand_beside_what_matters() -> None:
