@@ -33,9 +33,10 @@ from sklearn.neighbors import NeighborhoodComponentsAnalysis
 from sklearn.neural_network import MLPRegressor
 
 from replication.studies.alternatives import FOLDS, learn_hypothesis
+from replication.studies.joints.parametric import affinities, fit_parametric
 from srlrepro.dynamics.closed_loop import ClosedLoop, Labels
 from srlrepro.dynamics.pendulum import Floats, Pendulum, as_states
-from srlrepro.region.mapping import ITERATIONS, fit_network
+from srlrepro.region.mapping import ITERATIONS, Network, fit_network
 from srlrepro.region.safe_region import SafeRegion
 from srlrepro.region.safety_map import kernel_estimate
 from srlrepro.region.tsne import dissimilarity, embed
@@ -123,6 +124,10 @@ def regression(known: Known, places: Floats) -> Mapping:
         warnings.simplefilter("ignore", DataConversionWarning)  # of one dimension, that it stands in a column
         net = fit_network(known.scaled, places, choices.psi_width, choices.psi_penalty, known.seed)
 
+    return _by_network(known, net)
+
+
+def _by_network(known: Known, net: Network) -> Mapping:
     def mapping(x: Floats) -> Floats:
         hidden = np.maximum(x / known.scale @ net.first + net.first_bias, 0.0)
         return np.asarray(np.maximum(hidden @ net.second + net.second_bias, 0.0) @ net.last + net.last_bias)
@@ -149,12 +154,9 @@ def _tsne(known: Known, dimensions: int) -> Scores:
 
 
 def _parametric(known: Known) -> Scores:
-    # torch is slow to import
-    from replication.studies.joints.parametric import affinities, fit_parametric, place
-
     p = affinities(known.omega, known.config.choices.perplexity)
-    model = fit_parametric(known.scaled, p, known.config.choices.psi_width, known.seed)
-    return _of_states(known, lambda x: place(model, x / known.scale))
+    net = fit_parametric(known.scaled, p, known.config.choices.psi_width, known.seed)
+    return _of_states(known, _by_network(known, net))
 
 
 def _autoencoder(known: Known) -> Scores:
