@@ -34,7 +34,7 @@ from replication.studies import caution, crossed, multiverse, shift
 from replication.studies.designs import THRESHOLDS
 from replication.studies.discrepancy import KINDS
 from replication.studies.joints import training
-from replication.studies.joints.answer import sentence
+from replication.studies.joints.answer import sentence, takeaway
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -402,7 +402,7 @@ class Facts:
     def joints(self) -> Row:
         """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""
         found = read_table(self.figures / "joints" / "joints.csv", ("pair", "links", "k", "low", "high"))
-        told = {"answer": sentence(found), "best": sentence(found, "best")}
+        told = {"short": takeaway(found), "answer": sentence(found), "best": sentence(found, "best")}
         return self._counted("joints_predictions") | told
 
     def trained_joints(self) -> Row:

@@ -21,6 +21,7 @@ from replication.studies.joints.answer import (
     judged,
     load_predictions,
     sentence,
+    takeaway,
     with_best,
 )
 from replication.studies.joints.cells import (
@@ -353,6 +354,23 @@ def test_an_advantage_that_was_put_in_is_found() -> None:
     assert said.endswith("from 1000 states it pays at n = 4, costs at n = 2, is undecided at 1 of 3 n.")
     assert "the best map" in sentence(found, "best") and "pays at n = 2–4" in sentence(found, "best")
     assert sentence(found[:0]).endswith("nothing was measured.")
+
+
+def test_the_takeaway_counts_cases_where_the_interval_leaves_out_nothing() -> None:
+    ends = {"pays": (0.1, 0.3), "costs": (-0.3, -0.1), "open": (-0.1, 0.1)}
+    rows = [
+        (pair, n, k, "visits", 1.1, *ends[state])
+        for pair, states in {"as written": "costs costs open", "best": "pays costs open"}.items()
+        for n, state in enumerate(states.split(), 1)
+        for k in (250, 1000)
+    ]
+    rows.append(("best", 4, 250, "UD", 1.1, 0.1, 0.2))  # other states are not counted
+    found = pd.DataFrame(rows, columns=["pair", "links", "k", "law", "delta", "low", "high"])
+    assert takeaway(found) == (
+        "With 1–3 joints, the best map accepts fewer unsafe states than the best of the whole state in 2 of "
+        "6 cases, and more in 2; the map as written accepts fewer unsafe states than an SVM in 0 of 6 cases, "
+        "and more in 4."
+    )
 
 
 def test_the_best_is_chosen_on_the_other_datasets() -> None:

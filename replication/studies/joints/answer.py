@@ -31,6 +31,7 @@ PAIRS = {  # a map, a hypothesis of the whole state, and how they are called
     "best": ("best_map", "best_whole", "the best map against the best of the whole state"),
 }
 PLACE = ["links", "k", "law", "delta"]
+ASKED = ("visits", 1.1)  # law of the test states and Δ of the answer
 
 
 def averaged(scores: pd.DataFrame) -> pd.DataFrame:
@@ -158,7 +159,23 @@ def judged(table: pd.DataFrame, predictions: Iterable[Prediction] | None = None)
     return judge((p, p.differences(best)) for p in told)
 
 
-def sentence(found: pd.DataFrame, pair: str = "as written", law: str = "visits", delta: float = 1.1) -> str:
+def takeaway(found: pd.DataFrame) -> str:
+    """In how many cases of n and k a map accepts fewer unsafe states, and in how many more, for every pair.
+
+    found: of `advantages`; an interval that holds 0 is neither.
+    """
+    own, parts = found[(found["law"] == ASKED[0]) & (found["delta"] == ASKED[1])], []
+    for pair, (_, _, words) in reversed(PAIRS.items()):
+        rows, (low, whole) = own[own["pair"] == pair], words.split(" against ")
+        pays, costs = (rows["low"] > 0).sum(), (rows["high"] < 0).sum()
+        said = f"{low} accepts fewer unsafe states than {whole} in {pays} of {len(rows)} cases"
+        parts.append(f"{said}, and more in {costs}")
+    return f"With {listed(own['links'].unique())} joints, {'; '.join(parts)}."
+
+
+def sentence(
+    found: pd.DataFrame, pair: str = "as written", law: str = ASKED[0], delta: float = ASKED[1]
+) -> str:
     """Where a low dimension pays and where it costs; found: of `advantages`."""
     own = found[(found["pair"] == pair) & (found["law"] == law) & (found["delta"] == delta)]
     parts = []
