@@ -402,7 +402,8 @@ class Facts:
     def joints(self) -> Row:
         """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""
         found = read_table(self.figures / "joints" / "joints.csv", ("pair", "links", "k", "low", "high"))
-        told = {"short": takeaway(found), "answer": sentence(found), "best": sentence(found, "best")}
+        said = [sentence(found), sentence(found, "best"), sentence(found, "best", "UD")]
+        told = {"short": takeaway(found), "written": takeaway(found, "as written"), "sentences": said}
         return self._counted("joints_predictions") | told
 
     def trained_joints(self) -> Row:

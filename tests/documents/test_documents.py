@@ -52,7 +52,8 @@ def lengths(readme: str, report: str) -> dict[str, int]:
     """Of README, and of REPORT with its longest table; by the names of `MOST`."""
     tables = re.findall(r"(?:^\|.*\n)+", report, re.MULTILINE)
     rows = max(table.count("\n") for table in tables) - 2  # without the head
-    found = len(readme.splitlines()), len(readme.encode()), len(report.split()), rows
+    words = sum(any(c.isalnum() for c in word) for word in report.split())  # the bars of a table are none
+    found = len(readme.splitlines()), len(readme.encode()), words, rows
     return dict(zip(MOST, found, strict=True))
 
 

@@ -358,18 +358,23 @@ def test_an_advantage_that_was_put_in_is_found() -> None:
 
 def test_the_takeaway_counts_cases_where_the_interval_leaves_out_nothing() -> None:
     ends = {"pays": (0.1, 0.3), "costs": (-0.3, -0.1), "open": (-0.1, 0.1)}
+    states = {"visits": ("costs", "costs", "open"), "UD": ("pays", "costs", "open"), "MND": ("pays",)}
     rows = [
-        (pair, n, k, "visits", 1.1, *ends[state])
-        for pair, states in {"as written": "costs costs open", "best": "pays costs open"}.items()
-        for n, state in enumerate(states.split(), 1)
+        (pair, n, k, law, 1.1, *ends[state])
+        for pair in ("as written", "best")
+        for law, each in states.items()
+        for n, state in enumerate(each, 1)
         for k in (250, 1000)
     ]
-    rows.append(("best", 4, 250, "UD", 1.1, 0.1, 0.2))  # other states are not counted
+    rows.append(("best", 1, 250, "UD", 4.0, 0.1, 0.2))  # another Δ is not counted
     found = pd.DataFrame(rows, columns=["pair", "links", "k", "law", "delta", "low", "high"])
     assert takeaway(found) == (
-        "With 1–3 joints, the best map accepts fewer unsafe states than the best of the whole state in 2 of "
-        "6 cases, and more in 2; the map as written accepts fewer unsafe states than an SVM in 0 of 6 cases, "
-        "and more in 4."
+        "With 1–3 joints, the best map accepts fewer unsafe states than the best of the whole state in 0 of "
+        "6 cases (more in 4) on states that a random policy visits and in 2 of 6 cases (more in 2) on states "
+        "of UD."
+    )
+    assert "the map as written accepts fewer unsafe states than an SVM in 0 of 6" in takeaway(
+        found, "as written"
     )
 
 

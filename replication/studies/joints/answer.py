@@ -31,7 +31,13 @@ PAIRS = {  # a map, a hypothesis of the whole state, and how they are called
     "best": ("best_map", "best_whole", "the best map against the best of the whole state"),
 }
 PLACE = ["links", "k", "law", "delta"]
-ASKED = ("visits", 1.1)  # law of the test states and Δ of the answer
+ASKED, DELTA = ("visits", "UD"), 1.1  # laws of the test states of the answer, and its Δ
+STATES = {
+    "visits": "that a random policy visits",
+    "UD": "of UD",
+    "MND": "of the MND",
+    LEARNERS: "that free learners visit",
+}
 
 
 def averaged(scores: pd.DataFrame) -> pd.DataFrame:
@@ -159,23 +165,22 @@ def judged(table: pd.DataFrame, predictions: Iterable[Prediction] | None = None)
     return judge((p, p.differences(best)) for p in told)
 
 
-def takeaway(found: pd.DataFrame) -> str:
-    """In how many cases of n and k a map accepts fewer unsafe states, and in how many more, for every pair.
+def takeaway(found: pd.DataFrame, pair: str = "best") -> str:
+    """In how many cases of n and k a map accepts fewer unsafe states, and in how many more, for each law.
 
     found: of `advantages`; an interval that holds 0 is neither.
     """
-    own, parts = found[(found["law"] == ASKED[0]) & (found["delta"] == ASKED[1])], []
-    for pair, (_, _, words) in reversed(PAIRS.items()):
-        rows, (low, whole) = own[own["pair"] == pair], words.split(" against ")
+    own, parts = found[(found["pair"] == pair) & (found["delta"] == DELTA)], []
+    for law in ASKED:
+        rows = own[own["law"] == law]
         pays, costs = (rows["low"] > 0).sum(), (rows["high"] < 0).sum()
-        said = f"{low} accepts fewer unsafe states than {whole} in {pays} of {len(rows)} cases"
-        parts.append(f"{said}, and more in {costs}")
-    return f"With {listed(own['links'].unique())} joints, {'; '.join(parts)}."
+        parts.append(f"in {pays} of {len(rows)} cases (more in {costs}) on states {STATES[law]}")
+    low, whole = PAIRS[pair][2].split(" against ")
+    joints = listed(own["links"].unique())
+    return f"With {joints} joints, {low} accepts fewer unsafe states than {whole} {' and '.join(parts)}."
 
 
-def sentence(
-    found: pd.DataFrame, pair: str = "as written", law: str = ASKED[0], delta: float = ASKED[1]
-) -> str:
+def sentence(found: pd.DataFrame, pair: str = "as written", law: str = "visits", delta: float = DELTA) -> str:
     """Where a low dimension pays and where it costs; found: of `advantages`."""
     own = found[(found["pair"] == pair) & (found["law"] == law) & (found["delta"] == delta)]
     parts = []
@@ -185,13 +190,7 @@ def sentence(
         undecided = len(rows) - len(pays) - len(costs)
         said += [f"is undecided at {undecided} of {len(rows)} n"] if undecided else []
         parts.append(f"learned from {k} states it " + ", ".join(said))
-    where = {
-        "visits": "that a random policy visits",
-        "UD": "of UD",
-        "MND": "of the MND",
-        LEARNERS: "that free learners visit",
-    }[law]
-    start = f"On states {where}, at Δ = {delta:g} and a recall of {RECALL:g}, {PAIRS[pair][2]}: "
+    start = f"On states {STATES[law]}, at Δ = {delta:g} and a recall of {RECALL:g}, {PAIRS[pair][2]}: "
     return start + ("; ".join(parts) or "nothing was measured") + "."
 
 
