@@ -34,11 +34,14 @@ PANELS = (
     ("UD", 1.1),
     (LEARNERS, 1.1),
 )  # law of the test states, Δ of labels
+OF_LAW = {"UD": "1", "MND": "0", "visits": NONE, LEARNERS: NONE}  # conditions that have their colours
 WHERE = {"UD": "UD", "MND": "MND", "visits": "random policy", LEARNERS: "free learners"}
-K_MAP, RUNG_MAP = "viridis", "tab10"  # of k, and of the hypotheses
+K_MAP, RUNG_MAP, WHOLE_MAP = "viridis", "tab10", "Dark2"  # of k, of maps, of the whole state
 SHIFT = 0.08  # between lines side by side, in joints
-MARKS = (*MARKERS.values(), OTHER_MARKER)
+MARKS, CEILING_MARK = (*MARKERS.values(), OTHER_MARKER), "P"
 WRAP = 24  # characters of a line beside a panel
+ENOUGH, MARGIN = 3, 0.05  # datasets of an interval that is shown whole; room beside it, of all that is shown
+BARS = f"bars: 95 % over datasets; where there are fewer than {ENOUGH}, the edge may cut them"
 FALSE = f"false_positives_{RECALL:g}"
 
 
@@ -66,6 +69,7 @@ def plot_advantages(found: pd.DataFrame) -> Figure:
     """
     figure, axes = plt.subplots(len(PAIRS), len(PANELS), figsize=(11.0, 5.2), sharex=True, sharey="row")
     ks = sorted(found["k"].unique())
+    shown = found[[place in PANELS for place in zip(found["law"], found["delta"], strict=True)]]
     shades = [mpl.colors.to_hex(mpl.colormaps[K_MAP](v)) for v in np.linspace(0.1, 0.85, len(ks))]
     for row, (pair, (_, _, text)) in zip(axes, PAIRS.items(), strict=True):
         for ax, (law, delta) in zip(row, PANELS, strict=True):
@@ -79,27 +83,28 @@ def plot_advantages(found: pd.DataFrame) -> Figure:
                 ax.errorbar(place, line["advantage"], np.nan_to_num(width), label=f"k = {k}", **look)
         words = text.split(" against ")
         row[0].set_ylabel(f"advantage of {words[0]}\nover {words[1]}", fontsize=8)
-        low, high = row[0].get_ylim()
-        row[0].set_ylim(max(low, -1), min(high, 1))  # of a difference of shares
+        row[0].set_ylim(_limits(shown[shown["pair"] == pair], "advantage"))
     for ax, (law, delta) in zip(axes[0], PANELS, strict=True):
         ax.set_title(rf"{WHERE[law]}, $\Delta = {delta:g}$")
     _joints(axes[-1])
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(ks))
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(ks), title=BARS)
     return figure
 
 
 def plot_ladder(rows: pd.DataFrame) -> Figure:
     """Share of the unsafe states that each hypothesis accepts at equal recall; rows: of `ladder`."""
     figure, axes = plt.subplots(2, len(PANELS), figsize=(11.0, 5.6), sharex=True, sharey=True)
-    for line, (title, names) in zip(axes, (("a map", MAPS), ("the whole state", WHOLE)), strict=True):
+    kinds = (("a map", MAPS, RUNG_MAP), ("the whole state", WHOLE, WHOLE_MAP))
+    for line, (title, names, tints) in zip(axes, kinds, strict=True):
         shown = [*names, *([CEILING] if CEILING not in names else [])]
         for ax, (law, delta) in zip(line, PANELS, strict=True):
             own = rows[(rows["law"] == law) & (rows["delta"] == delta)]
             for i, name in enumerate(shown):
                 part = own[own["hypothesis"] == name].sort_values("links")
-                tint = INK if name == CEILING else mpl.colors.to_hex(mpl.colormaps[RUNG_MAP](i))
-                look = {"marker": MARKS[i % len(MARKS)], "color": tint, "markersize": 3.5, "linewidth": 1}
+                tint = INK if name == CEILING else mpl.colors.to_hex(mpl.colormaps[tints](i))
+                marker = CEILING_MARK if name == CEILING else MARKS[i % len(MARKS)]
+                look = {"marker": marker, "color": tint, "markersize": 3.5, "linewidth": 1}
                 ax.plot(part["links"], part[FALSE], label=RUNGS[name].text, **look)
             ax.axhline(RECALL, color=GUIDE, linewidth=0.6, linestyle=":")
         line[0].set_ylabel(f"by {title}: unsafe states\naccepted at a recall of {RECALL:g}", fontsize=8)
@@ -118,8 +123,11 @@ def plot_coverage(rows: pd.DataFrame) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 2.9), sharex=True)
     for i, law in enumerate((*LAWS, LEARNERS)):
         own = rows[(rows["law"] == law) & (rows["delta"] == 1.0) & (rows["alpha"].astype(str) == MIXED)]
-        tint = mpl.colors.to_hex(mpl.colormaps[RUNG_MAP](i))
-        left.plot(own["links"], own["safe"], marker=MARKS[i], markersize=4, color=tint, label=WHERE[law])
+        tint = color(OF_LAW[law])
+        style = ":" if law == "visits" else "-"
+        left.plot(
+            own["links"], own["safe"], style, marker=MARKS[i], markersize=4, color=tint, label=WHERE[law]
+        )
     visited = rows[(rows["law"] == "visits") & (rows["delta"] == PANELS[0][1])]
     for alpha, own in visited.groupby(visited["alpha"].astype(str)):
         width = own[f"{FALSE}_half"].fillna(0)
@@ -225,8 +233,23 @@ def plot_contrasts(found: pd.DataFrame) -> Figure:
     for ax, contrast in zip(axes[:, 0], CONTRASTS, strict=True):
         ax.set_ylabel(textwrap.fill(contrast, WRAP), fontsize=7)
     _joints(axes[-1])
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(deltas))
+    for outcome, ax in zip(OUTCOMES, axes[0], strict=True):
+        ax.set_ylim(_limits(found[found["outcome"] == outcome], "estimate"))
+    for ax in axes.flat:
+        if not any(len(bars[0].get_xdata()) for bars in ax.containers):
+            ax.text(0.5, 0.85, "it has no K", ha="center", fontsize=7, color=GUIDE, transform=ax.transAxes)
+    entries = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*entries, loc="outside lower center", ncols=len(deltas), title=BARS)
     return figure
+
+
+def _limits(rows: pd.DataFrame, value: str) -> tuple[float, float]:
+    """Of an axis that shows every value, and the intervals (low, high) of `ENOUGH` datasets whole."""
+    many = rows[rows["datasets"] >= ENOUGH]
+    shown = [rows[value].to_numpy(), *many[["low", "high"]].to_numpy().T, [0.0]]
+    low, high = np.nanmin(np.concatenate(shown)), np.nanmax(np.concatenate(shown))
+    room = MARGIN * (high - low) or 1.0
+    return float(low - room), float(high + room)
 
 
 def _joints(axes: "list[Axes] | np.ndarray") -> None:

@@ -39,6 +39,16 @@ def test_every_pair_law_and_number_of_states_is_drawn_with_its_interval() -> Non
     plt.close(figure)
 
 
+def test_a_wide_interval_of_two_datasets_does_not_set_the_scale() -> None:
+    rows = [("best", 2, 250, law, delta, 5, 0.2, 0.1, 0.3) for law, delta in PANELS]
+    rows.append(("best", 3, 250, *PANELS[0], 2, -0.1, -9.0, 9.0))
+    columns = ["pair", "links", "k", "law", "delta", "datasets", "advantage", "low", "high"]
+    figure = plot_advantages(pd.DataFrame(rows, columns=columns))
+    low, high = figure.axes[-1].get_ylim()
+    assert -0.2 < low < -0.1 and 0.3 < high < 0.4
+    plt.close(figure)
+
+
 def means() -> pd.DataFrame:
     """Of two k, of which the smaller has one hypothesis less."""
     rows = []
