@@ -412,11 +412,14 @@ class Facts:
         if not file.exists():
             return {}
         found = read_table(file, ("contrast", "outcome", "links", "delta", "sign"))
-        return self._counted("joints_trained_predictions") | {"sentences": training.sentences(found)}
+        return self._counted("joints_trained_predictions") | {
+            "sentences": training.sentences(found),
+            "chance": training.beside_chance(found),
+        }
 
     def _counted(self, predictions: str) -> Row:
         states = read_table(self.figures / "joints" / f"{predictions}.csv", ("state",))["state"]
-        return {name: int((states == name).sum()) for name in (HOLDS, FAILS, OPEN)} | {"of": len(states)}
+        return {name: int((states == name).sum()) for name in (HOLDS, FAILS, OPEN)}
 
     def theorem(self) -> Row:
         """Theorem 1 over all trainings: how loose it is, what its class needs, and how it ranks the α's."""

@@ -21,6 +21,7 @@ from replication.studies.joints.training import (
     CONTRASTS,
     OUTCOMES,
     Prediction,
+    beside_chance,
     best_of_whole,
     choice_sentence,
     contrasts,
@@ -74,8 +75,12 @@ def test_differences_are_taken_within_a_dataset_and_what_holds_at_three_is_compa
     assert free["estimate"].to_numpy() == pytest.approx([0.002 / 3] * 4 + [0.2 + 0.002 / 3] * 2)
     table = contrasts(planted())
     assert held(table) == (
-        "Of the 34 contrasts at n = 3, 6 are decided. With fewer or more joints these have the same sign in "
-        "10 of 12 cases, the opposite in 2, and are open in 0."
+        "Of the 34 contrasts at n = 3, 6 are decided. With fewer or more joints the sign is the same in "
+        "10 of 12 cases, the opposite in 2, and open in 0."
+    )
+    assert beside_chance(table) == (
+        "Over all n, between supervised learners 18 of 90 contrasts are decided, 4.5 would be by chance; "
+        "against a free one 2 of 12 contrasts are decided, 0.6 would be by chance."
     )
     first = sentences(table)[0]
     assert "final return, share of a perfect one: more at n = 5, less at n = 2–3" in first

@@ -18,7 +18,7 @@ import pandas as pd
 from replication.evidence.measures import LABEL_EVERY
 from replication.evidence.predictions import EXPECTED, judge
 from replication.evidence.results import DATA, RECORD, REGION, TrainedRun, read_run
-from replication.evidence.statistics import contrast_interval
+from replication.evidence.statistics import LEVEL, contrast_interval
 from replication.studies.alternatives import learn_hypothesis
 from replication.studies.caution import LEAST
 from replication.studies.designs import WHOLE_STATE, tells
@@ -180,10 +180,22 @@ def held(found: pd.DataFrame) -> str:
     same = int((decided["sign"] == decided["sign_known"]).sum())
     own = int((found["links"] == KNOWN).sum())
     return (
-        f"Of the {own} contrasts at n = {KNOWN}, {len(at_three)} are decided. With fewer or more joints "
-        f"these have the same sign in {same} of {len(beside)} cases, the opposite in "
-        f"{len(decided) - same}, and are open in {len(beside) - len(decided)}."
+        f"Of the {own} contrasts at n = {KNOWN}, {len(at_three)} {'is' if len(at_three) == 1 else 'are'} "
+        f"decided. With fewer or more joints the sign is the same in {same} of {len(beside)} cases, the "
+        f"opposite in {len(decided) - same}, and open in {len(beside) - len(decided)}."
     )
+
+
+def beside_chance(found: pd.DataFrame) -> str:
+    """How many contrasts are decided, between supervised learners and against a free one; found: of `contrasts`."""
+    free = found["contrast"].map(lambda name: NONE in CONTRASTS[name][1].values())
+    parts = []
+    for place, rows in (("between supervised learners", found[~free]), ("against a free one", found[free])):
+        decided, chance = int((rows["sign"] != "open").sum()), (1 - LEVEL) * len(rows)
+        parts.append(
+            f"{place} {decided} of {len(rows)} contrasts are decided, {chance:.2g} would be by chance"
+        )
+    return f"Over all n, {'; '.join(parts)}."
 
 
 def best_of_whole(recall: pd.DataFrame, links: Iterable[int]) -> pd.DataFrame:
