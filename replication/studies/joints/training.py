@@ -187,7 +187,10 @@ def held(found: pd.DataFrame) -> str:
 
 
 def beside_chance(found: pd.DataFrame) -> str:
-    """How many contrasts are decided, between supervised learners and against a free one; found: of `contrasts`."""
+    """How many contrasts are decided, and would be by chance, with and without a free learner in them.
+
+    found: of `contrasts`.
+    """
     free = found["contrast"].map(lambda name: NONE in CONTRASTS[name][1].values())
     parts = []
     for place, rows in (("between supervised learners", found[~free]), ("against a free one", found[free])):
