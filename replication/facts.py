@@ -34,7 +34,7 @@ from replication.studies import caution, crossed, multiverse, shift
 from replication.studies.designs import THRESHOLDS
 from replication.studies.discrepancy import KINDS
 from replication.studies.joints import training
-from replication.studies.joints.answer import sentence, takeaway
+from replication.studies.joints.answer import takeaway
 from replication.studies.theorem import POOLED, SMALLEST
 from srlrepro.dynamics.circle_env import perfect_return
 from srlrepro.pins import ARITHMETIC, KERNELS, THREADS
@@ -402,8 +402,7 @@ class Facts:
     def joints(self) -> Row:
         """Where a low dimension pays where there are more joints, in sentences; how predictions came out."""
         found = read_table(self.figures / "joints" / "joints.csv", ("pair", "links", "k", "low", "high"))
-        said = [sentence(found), sentence(found, "best"), sentence(found, "best", "UD")]
-        told = {"short": takeaway(found), "written": takeaway(found, "as written"), "sentences": said}
+        told = {"short": takeaway(found), "written": takeaway(found, "as written")}
         return self._counted("joints_predictions") | told
 
     def trained_joints(self) -> Row:
@@ -413,7 +412,7 @@ class Facts:
             return {}
         found = read_table(file, ("contrast", "outcome", "links", "delta", "sign"))
         return self._counted("joints_trained_predictions") | {
-            "sentences": training.sentences(found),
+            "held": training.held(found),
             "chance": training.beside_chance(found),
         }
 
